@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.simulation.scenes.hiding_sheets import hiding_sheets
 from pmcl_ros.simulation.scenes.scene import Scene
 
 _ARC = re.compile(r'arc:(\d{1,3}):(\d{1,3}(?:\.\d*)?)')
 _GRID = re.compile(r'grid:(\d{1,2})x(\d{1,2}):(\d*\.?\d*)')
+_STANDING = 0.1  # vertical part of a standing sheet's normal, at most
 _Pose = tuple[float, ...]
 
 
@@ -118,6 +121,18 @@ def _arc(scene: Scene, count: int, degrees: float) -> NDArray[np.float64]:
     angles = np.deg2rad(degrees) * (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1))
     turns = Rotation.from_rotvec(angles[:, None] * vertical).as_matrix()
     return pose_of(turns, middle - turns @ middle)
+
+
+def without_walls_between(scene: Scene, cameras: NDArray[np.float64]) -> Scene:
+    """The scene without the standing sheets that hide a target from a camera (n, 4, 4).
+
+    A wall is behind what the scene's own camera sees; cameras far aside would look at its back.
+    """
+    up = scene.world_from_camera[2]
+    hides = hiding_sheets(scene, cameras[:, :3, 3])
+    return replace(scene, sheets=tuple(
+        each for each, is_between in zip(scene.sheets, hides, strict=True)
+        if not (is_between and abs(up @ each.pose[:3, 2]) < _STANDING)))
 
 
 def in_room(scene: Scene, cameras: Sequence[NDArray[np.float64]] | NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from pmcl_ros.runtime.errors import FileError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.text_file import read_json
-from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.camera_plan import CameraPlan, without_walls_between
 from pmcl_ros.simulation.files import write_capture, write_raw, write_view, write_views
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
@@ -81,9 +81,10 @@ def simulate(seed: int, folder: Path, of: Simulation,
         picture = take_picture(scene, of.camera, rng, of.samples, of.renderer)
         write_view(place, scene, picture, of.camera, seed, force)
     else:
-        pictures = []
-        for pose in (poses := of.plan.cameras(scene)):
-            pictures.append(take_picture(seen_from(scene, pose), of.camera, rng, of.samples,
+        pictures, poses = [], of.plan.cameras(scene)
+        shown = without_walls_between(scene, poses)
+        for pose in poses:
+            pictures.append(take_picture(seen_from(shown, pose), of.camera, rng, of.samples,
                                          of.renderer))
             progress(len(pictures) / len(poses))
         write_views(place, scene, pictures, of.camera, of.plan, seed, force)

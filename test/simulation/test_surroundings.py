@@ -8,6 +8,7 @@ import trimesh
 import yaml
 
 from pmcl_ros.runtime.errors import SimulationError
+from pmcl_ros.simulation.camera_plan import CameraPlan, without_walls_between
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.surroundings import (
@@ -93,6 +94,33 @@ def test_media_nest_in_an_object(describe, kind, mouth, liquid):
         share, met = _breaks(_of_solids(solids), points - ways, points)
         assert met > 600
         assert share < 0.003
+
+
+def _hidden(scene, cameras):
+    """(n,) whether cameras (n, 4, 4) see a sheet first in the direction of the object."""
+    world = World.from_scene(scene)
+    hit, stack = np.zeros(9), np.zeros(64, np.int64)
+    target, = scene.targets
+    middle = target.pose[:3, :3] @ target.vertices.mean(axis=0) + target.pose[:3, 3]
+    eyes = cameras[:, :3, 3]
+    ways = (middle - eyes) / np.linalg.norm(middle - eyes, axis=1, keepdims=True)
+    return np.array([nearest(world, hit, stack, *eye, *way)[0] == 2
+                     for eye, way in zip(eyes, ways, strict=True)])
+
+
+def test_no_wall_is_between_the_object_and_a_camera(describe):
+    thing, hidden = describe(), 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        scene = described_scene(rng, thing, 'table', CAMERA.sensor(rng), UPRIGHT)
+        narrow, wide = (CameraPlan.parse(each).cameras(scene)
+                        for each in ('arc:5:60', 'arc:9:300'))
+        assert without_walls_between(scene, narrow).sheets == scene.sheets
+        shown = without_walls_between(scene, wide)
+        assert not _hidden(shown, wide).any()
+        assert len(scene.sheets) - len(shown.sheets) == _hidden(scene, wide).any()
+        hidden += _hidden(scene, wide).sum()
+    assert hidden > 3
 
 
 def test_water_stands_around_a_vessel_but_not_in_it(describe):

@@ -11,7 +11,7 @@ from rich.progress import Progress, TimeRemainingColumn
 from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
-from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.camera_plan import CameraPlan, without_walls_between
 from pmcl_ros.simulation.files import write_capture, write_sequence, write_view, write_views
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
@@ -101,8 +101,10 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
                 write_view(folder, scene, picture, ordinary, seed + number, force)
             else:
                 taken: list[NDArray[np.uint8]] = []
-                for pose in (poses := placed.cameras(scene)):
-                    taken.append(take_picture(seen_from(scene, pose), ordinary, rng,
+                poses = placed.cameras(scene)
+                shown = without_walls_between(scene, poses)
+                for pose in poses:
+                    taken.append(take_picture(seen_from(shown, pose), ordinary, rng,
                                               samples or 16))
                     show(len(taken) / len(poses))
                 write_views(folder, scene, taken, ordinary, placed, seed + number, force)
