@@ -62,6 +62,11 @@ def test_the_record_says_how_it_was_made(made, net):
     assert LearnedMap.load(out / 'contour_map.yaml') == learned
 
 
+def test_too_few_pictures_to_calibrate_on_are_told_at_once(made):
+    _, printed, _ = made
+    assert printed.splitlines()[0].startswith('few pictures to calibrate on, 3: ')
+
+
 def test_a_network_is_trained_further(made, tmp_path):
     out, _, (_, pictures, *_) = made
     start, further = out / 'contour_map.onnx', tmp_path / 'further'
