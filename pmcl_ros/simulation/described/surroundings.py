@@ -20,6 +20,7 @@ from pmcl_ros.simulation.scenes.broad_scene import (
     random_view,
 )
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
+from pmcl_ros.simulation.scenes.hiding_sheets import hiding_sheets
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, placed, random_target
@@ -32,6 +33,7 @@ Attitude = Literal['any', 'upright', 'lying']
 # Limits of the angle at which the camera looks down [rad].
 _HEIGHTS = {'table': (0.08, 1.5), 'shelf': (0.0, 0.35), 'sink': (0.8, 1.45), 'tank': (0.0, 0.4),
             'clutter': (0.08, 1.5)}
+_TRIES = 30
 _SHOULDER = 0.7  # of the camera's distance: a board may come so near to it
 
 
@@ -54,8 +56,9 @@ def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: 
 
     surroundings: `table`: a table that may end in view, mostly a wall; `shelf`: boards below,
     above and behind; `sink`: as `wet_places.sink`; `tank`: as `wet_places.tank`; `clutter`: a
-    table with things beside, before and behind; `random`: as `broad_scene`. Raises
-    SimulationError where the object may not rest as the settings say.
+    table with things beside, before and behind; `random`: as `broad_scene`. One in which a counter
+    or a wall hides the object's middle is drawn again. Raises SimulationError where the object may
+    not rest as the settings say, or is always hidden.
     """
     of = settings or DescribedSettings()
     if of.attitude != 'any':
@@ -66,6 +69,16 @@ def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: 
     if surroundings == 'random':
         scene = broad_scene(rng, of, sensor, (thing,))
         return replace(scene, name=f'random: {thing.name}')
+    for _ in range(_TRIES):
+        scene = _drawn(rng, thing, surroundings, sensor, of)
+        if not any(hiding_sheets(scene, np.zeros((1, 3)))):
+            return scene
+    raise SimulationError(f'{surroundings}: {thing.name} was hidden in {_TRIES} scenes in a row; '
+                          'choose other surroundings')
+
+
+def _drawn(rng: np.random.Generator, thing: SceneObject, surroundings: Surroundings,
+           sensor: Sensor, of: DescribedSettings) -> Scene:
     empty = bool(rng.random() < of.empty)
     worlds, circles = beside_each_other(rng, (thing,))
     low, high = _bounds(thing, worlds[0])
