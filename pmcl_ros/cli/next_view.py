@@ -38,8 +38,8 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
 
     Prints the largest standard deviation of the position now, and with a view from each of the
-    best five candidates; poses of cameras count as exact. Exit status 3: the object is lost, and
-    no view can be chosen.
+    best five candidates, whose cameras' poses count as uncertain as that of the first view. Exit
+    status 3: the object is lost, and no view can be chosen.
     """
     if candidates is not None and (degrees, count) != (CAP, CANDIDATES):
         raise click.UsageError('--cap and --count are of the default candidates: leave them out, '

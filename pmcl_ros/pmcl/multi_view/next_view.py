@@ -1,6 +1,7 @@
 """Where to look next: how sure the pose would be with one more view, for candidate cameras.
 
-Poses of cameras count as exact.
+The pose of a candidate's camera is as uncertain as that of the first view, and shares with the
+views what these share.
 
 The contour that a candidate would see is drawn at the pose found. Its evidence is expected to be
 as curved, for each pixel of it, as that of the views there are. Its model error is correlated with
@@ -14,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_map import ContourMap
@@ -28,6 +28,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.local_model import LocalModel, weak_information, without_negative
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -42,7 +43,6 @@ _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
                        np.array([[-1, 1]], np.float32))
 _OPPOSITE = 0.05  # length of a mean direction that means nothing
 _ALIKE = 1e-6  # independent views beyond one: fewer are views of one place
-_LEAST_DISPLACEMENT = 1e-3  # px, of contours: the prior of a displacement of less is as strong
 _CLOSEST = 0.05  # m: between an object and a camera that may look at it
 CAP, CANDIDATES = 90.0, 40  # degrees and number of candidates where nobody lists them
 
@@ -82,7 +82,12 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
     with contextlib.ExitStack() as stack:
         posterior = JointPosterior.opened(joint, settings, numbers_of(joint), stack)
         mode = posterior.refine(into @ pose)
-        known = _Known.from_posterior(mode.pose, posterior)
+        if evidence.errors is None:
+            posed = [evidence.views[number] for number in joint.numbers]
+            errors = CameraErrors.from_views([*posed, posed[0]])
+        else:  # of poses that pictures corrected: those of the first are the candidate's, too
+            errors = CameraErrors(np.concatenate([joint.errors.root, joint.errors.root[:1]]))
+        known = _Known.from_posterior(mode.pose, posterior, errors)
     now = known.sigma()
     seen = [_contour(model, pinhole, into @ camera, mode.pose,
                      None if settings.interface is None else settings.interface.seen_from(camera))
@@ -94,25 +99,29 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
 
 @dataclass(frozen=True)
 class _Known:
-    """What the views that there are tell about a pose (4, 4), and the contours' displacement.
+    """What the views that there are tell about a pose (4, 4) and nuisances (k + 1,).
 
-    local: of the pose by all of them. stretches: of their contours. information: (d + 1, d + 1),
-    the displacement's last. displaced: (d + 1, d + 1) covariance of the gradient by the model
-    error of one view, share: factor of that by how views agree. curvature: of the evidence, in
-    units of the least.
+    These are of `Nuisances`: n = d + k + 1 unknowns. errors: of the cameras, the candidate's last.
+    local: of the pose by all views. stretches: of their contours. information: (n, n) with the
+    nuisances' prior. displaced: (n, n) covariance of the gradient by the model error of one view,
+    share: factor of that by how views agree. displacement: standard deviation of where contours
+    are found [px]. curvature: of the evidence, in units of the least.
     """
 
     joint: JointEvidence
+    errors: CameraErrors
     pose: NDArray[np.float64]
     local: LocalModel
     stretches: Sequence[ViewTerms]
     information: NDArray[np.float64]
     displaced: NDArray[np.float64]
     share: float
+    displacement: float
     curvature: float
 
     @classmethod
-    def from_posterior(cls, pose: NDArray[np.float64], posterior: JointPosterior) -> '_Known':
+    def from_posterior(cls, pose: NDArray[np.float64], posterior: JointPosterior,
+                       errors: CameraErrors) -> '_Known':
         """Of a pose at a mode of all views."""
         joint = posterior.contours.joint
         symmetry, error = joint.model.symmetry, joint.views[0].error
@@ -122,24 +131,39 @@ class _Known:
         weak = LocalModel.from_views(pose, symmetry, [replace(each, curvature=1.0)
                                                       for each in views], None)
         curved = float(np.trace(local.information) / np.trace(weak.information))
-        terms = [ViewTerms.from_view(each, pose, local.basis, displaced=True) for each in views
+        # The prior of the nuisances, as evidence.
+        d = len(local.gradient)
+        information = np.diag(np.full(d + errors.number + 1, 1 / local.scale))
+        information[:d, :d] = weak_information(local.basis)
+        known = cls(joint, errors, pose, local, (), information, np.zeros_like(information),
+                    posterior.error_share_near(pose), posterior.contours.displacement, curved)
+        terms = [known.terms(each, number) for number, each in enumerate(views)
                  if len(each.points.lengths)]
         stretches = [each.stretches() for each in terms]
-        # The prior of the displacement, as evidence.
-        sigma = max(posterior.contours.displacement, _LEAST_DISPLACEMENT)
-        information = block_diag(weak_information(local.basis), 1 / (local.scale * sigma ** 2))
-        information += sum(each.information for each in terms)
-        return cls(joint, pose, local, stretches, information,
-                   _displaced(stretches, stretches, error), posterior.error_share_near(pose),
-                   curved)
+        return replace(known, stretches=stretches,
+                       information=information + sum(each.information for each in terms),
+                       displaced=_displaced(stretches, stretches, error))
+
+    def terms(self, seen: ViewContour, number: int) -> ViewTerms:
+        """Of a view with a number among `errors`, in all n unknowns."""
+        assert seen.camera is not None
+        basis = self.local.basis
+        errors = CameraErrors(self.errors.root[number:][:1])
+        off = errors.seen(seen.camera[None], self.pose)[0]
+        # How the unknowns (n,) move what the view sees, (d + 1,).
+        onto = np.zeros((basis.shape[1] + errors.number + 1, basis.shape[1] + 1))
+        onto[:, :-1] = np.concatenate([np.eye(basis.shape[1]), off.T @ basis,
+                                       np.zeros((1, basis.shape[1]))])
+        onto[-1, -1] = self.displacement
+        made = ViewTerms.from_view(seen, self.pose, basis, displaced=True)
+        return replace(made.transformed(onto), information=onto @ made.information @ onto.T)
 
     def sigma(self, seen: ViewContour | None = None) -> float:
         """Largest standard deviation of the position, with the contour in one more view [m]."""
         information, displaced, share = self.information, self.displaced, self.share
         error = self.joint.views[0].error
         if seen is not None and seen.camera is not None:
-            terms = ViewTerms.from_view(replace(seen, curvature=self.curvature), self.pose,
-                                        self.local.basis, displaced=True)
+            terms = self.terms(replace(seen, curvature=self.curvature), len(self.joint.views))
             added = [terms.stretches()]
             both = _displaced(self.stretches, added, error)
             information = information + terms.information
@@ -147,8 +171,9 @@ class _Known:
             share = self._share_with(seen.camera)
         inverse = np.linalg.inv(information)
         off = without_negative(inverse @ displaced @ inverse)
-        covariance = (inverse / self.local.scale + share * off)[:-1, :-1]
-        return position_sigma(self.local.basis @ covariance @ self.local.basis.T)
+        basis = self.local.basis
+        covariance = (inverse / self.local.scale + share * off)[:basis.shape[1], :basis.shape[1]]
+        return position_sigma(basis @ covariance @ basis.T)
 
     def _share_with(self, camera: NDArray[np.float64]) -> float:
         """Factor of the model error that is expected with a view by a camera (4, 4).
@@ -165,8 +190,7 @@ class _Known:
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
                ) -> NDArray[np.float64]:
-    """(d + 1, d + 1) covariance by the model error of what views and others add to the gradient.
-    """
+    """(n, n) covariance by the model error of what views and others add to the gradient."""
     if not (views and others):
         return np.zeros(())
     distance, same_side, alike = pairs(views, others, error)

@@ -12,7 +12,13 @@ from pmcl_scenes import COARSE
 from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
 
 from pmcl_ros.cli import main
-from pmcl_ros.pmcl.multi_view.next_view import NextView, angles_around, cap, next_views
+from pmcl_ros.pmcl.multi_view.next_view import (
+    NextView,
+    angles_around,
+    cap,
+    next_views,
+    position_sigma,
+)
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 
@@ -53,6 +59,32 @@ def test_the_same_view_again_brings_little(seen):
     told = next_views(one, CUP, settings(), pose, np.array(cameras[:4]), COARSE)
     assert np.array_equal(told[-1].camera, cameras[0])
     assert told[-1].sigma > 0.6 * told[-1].now
+
+
+def test_errors_of_camera_poses_limit_what_a_view_brings(seen):
+    _, cameras, evidence = seen
+    two = replace(evidence, views=evidence.views[:2])
+    sigma = 0.003  # m
+    by_common = {}
+    for common in (0.0, 1.0):
+        views = tuple(replace(each, sigma=(sigma, 0.0), group='arm', common=common)
+                      for each in two.views)
+        uncertain = replace(two, views=views)
+        pose = found(CUP, uncertain)
+        assert not pose.lost
+        told = next_views(uncertain, CUP, settings(), pose.pose, cameras[3:4], COARSE)[0]
+        # It is as sure as the estimate's own covariance says.
+        assert told.now == pytest.approx(position_sigma(pose.covariance), rel=0.25)
+        by_common[common] = told
+    exact = next_views(two, CUP, settings(), pose.pose, cameras[3:4], COARSE)[0]
+    # What is common to all views moves all that they see: no view takes it away.
+    assert by_common[1.0].sigma >= sigma
+    for mode in 'now', 'sigma':
+        assert getattr(by_common[1.0], mode) == pytest.approx(
+            np.hypot(sigma, getattr(exact, mode)), rel=0.1)
+    # What is not averages out, and a third view counts as one of three.
+    assert exact.sigma < by_common[0.0].sigma < by_common[0.0].now
+    assert by_common[0.0].now > exact.now
 
 
 def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
