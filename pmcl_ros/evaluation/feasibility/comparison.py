@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import binom
 
 from pmcl_ros.evaluation.feasibility import findings
-from pmcl_ros.evaluation.feasibility.findings import Aim, Cell
+from pmcl_ros.evaluation.feasibility.findings import Aim, good_enough, told_share
 from pmcl_ros.evaluation.feasibility.scene_trials import kept_trials
 from pmcl_ros.evaluation.recall import share
 from pmcl_ros.evaluation.results import by_row
@@ -36,22 +36,22 @@ def studied(folder: Path) -> dict[str, list[Trial]]:
 
 @dataclass(frozen=True)
 class Pair:
-    """A share in both studies. scenes: which, in words."""
+    """A share in both studies: whether each scene is good. scenes: which, in words."""
 
     views: str
     scenes: str
-    first: Cell
-    second: Cell
+    first: Sequence[bool]
+    second: Sequence[bool]
 
     @property
     def counts(self) -> bool:
         """Whether both have scenes enough to be compared."""
-        return min(len(self.first.flags), len(self.second.flags)) >= LEAST
+        return min(len(self.first), len(self.second)) >= LEAST
 
     @property
     def difference(self) -> float:
         """Second less first, in percent points."""
-        return 100 * (share(self.second.flags) - share(self.first.flags))
+        return 100 * (share(self.second) - share(self.first))
 
     @property
     def alike(self) -> bool:
@@ -61,15 +61,15 @@ class Pair:
     @property
     def chance(self) -> float:
         """Probability that they are alike, if all scenes have the share of both together."""
-        counts = [len(each.flags) for each in (self.first, self.second)]
-        pooled = share(self.first.flags + self.second.flags)
+        counts = [len(self.first), len(self.second)]
+        pooled = share([*self.first, *self.second])
         first, second = (binom.pmf(np.arange(count + 1), count, pooled) for count in counts)
         apart = np.abs(np.subtract.outer(*(np.linspace(0, 100, count + 1) for count in counts)))
         return float((np.outer(first, second) * (apart <= POINTS + _ROUNDING)).sum())
 
     def row(self) -> list[str]:
         """Cells of `HEAD`."""
-        return [self.views, self.scenes, str(self.first), str(self.second),
+        return [self.views, self.scenes, told_share(self.first), told_share(self.second),
                 f'{round(self.difference):+d}']
 
 
@@ -87,7 +87,7 @@ def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
             chosen = [list(filter(belongs, study[views])) for study in (first, second)]
             which = tuple(tuple(each.seed for each in trials) for trials in chosen)
             cells.setdefault((views, which), Pair(
-                views, scenes, *(findings.cell(trials, aim) for trials in chosen)))
+                views, scenes, *(good_enough(trials, aim) for trials in chosen)))
     return [each for each in cells.values() if each.counts]
 
 

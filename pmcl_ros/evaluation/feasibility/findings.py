@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.recall import interval, median, present, share, share_with_interval
+from pmcl_ros.evaluation.recall import interval, present, share, share_with_interval
 from pmcl_ros.evaluation.trials import Trial
 
 LEAST = 10  # trials of a cell; fewer say nothing
@@ -35,24 +35,20 @@ class Aim:
         return f'{self.mm:g} mm and {self.degrees:g} degrees'
 
 
-@dataclass(frozen=True)
-class Cell:
-    """A share of trials. Prints as percentage, count and interval."""
-
-    flags: tuple[bool, ...]
-
-    @property
-    def counts(self) -> bool:
-        """Whether there are trials enough to say something."""
-        return len(self.flags) >= LEAST
-
-    def __str__(self) -> str:
-        return share_with_interval(self.flags) if self.counts else ''
+def good_enough(trials: Sequence[Trial], aim: Aim) -> list[bool]:
+    """Whether each trial with something to find reaches the aim."""
+    return [aim.reached(each) for each in present(trials)]
 
 
-def cell(trials: Sequence[Trial], aim: Aim) -> Cell:
-    """The share that reaches the aim, of trials with something to find."""
-    return Cell(tuple(aim.reached(each) for each in present(trials)))
+def told_share(flags: Sequence[bool]) -> str:
+    """The share of true flags with count and interval; nothing of fewer than `LEAST`."""
+    return share_with_interval(flags) if len(flags) >= LEAST else ''
+
+
+def _medians(trials: Sequence[Trial], *values: Callable[[Trial], float]) -> str:
+    """Of each value over the trials; nothing of fewer than `LEAST`."""
+    return ', '.join(f'{np.median(list(map(value, trials))):.1f}' for value in values
+                     ) if len(trials) >= LEAST else ''
 
 
 HEAD = ('views', 'good enough', 'told, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
@@ -63,21 +59,15 @@ def row(name: str, trials: Sequence[Trial], aim: Aim) -> list[str]:
     """Cells of `HEAD`: medians are of the poses that are told and right."""
     there = present(trials)
     found = [each for each in there if each.found]
-    return [name, str(cell(there, aim)), str(Cell(tuple(each.found for each in there))),
-            str(sum(each.lost for each in there)),
-            str(sum(not each.near and not each.lost for each in there)),
-            *(_medians(found) if found else ('',) * 4),
-            str(Cell(tuple(each.inside_90 for each in found)))]
-
-
-def _medians(found: Sequence[Trial]) -> tuple[str, ...]:
-    return (f'{median(found, "translation_mm"):.1f}',
-            f'{_median(found, "across_mm"):.1f}, {_along(found):.1f}',
-            f'{median(found, "axis_deg"):.1f}', f'{median(found, "told_mm"):.1f}')
-
-
-def _median(trials: Sequence[Trial], name: str) -> float:
-    return float(np.median([each.extra[name] for each in trials])) if trials else np.nan
+    return [name, told_share(good_enough(trials, aim)),
+            told_share([each.found for each in there]),
+            told_share([each.lost for each in there]),
+            told_share([not each.near and not each.lost for each in there]),
+            _medians(found, lambda each: each.translation_mm),
+            _medians(found, lambda each: each.extra['across_mm'], lambda each: abs(each.ray_mm)),
+            _medians(found, lambda each: each.axis_deg),
+            _medians(found, lambda each: each.told_mm),
+            told_share([each.inside_90 for each in found])]
 
 
 Group = tuple[str, Callable[[Trial], bool]]
@@ -129,25 +119,8 @@ def worst(trials: Sequence[Trial], count: int) -> list[Trial]:
 
 def causes(trials: Sequence[Trial], aim: Aim) -> list[str]:
     """Why poses are not good enough, with how many scenes; most frequent first."""
-    counts: Counter[str] = Counter()
-    gaps: dict[str, list[float]] = {}
-    for each in present(trials):
-        if aim.reached(each):
-            continue
-        cause = _cause(each)
-        counts[cause] += 1
-        gaps.setdefault(cause, []).append(abs(float(each.extra['gap'])))
-    said = []
-    for cause, count in counts.most_common():
-        gap = float(np.nanmedian(gaps[cause])) if np.isfinite(gaps[cause]).any() else np.nan
-        alike = f', within {gap:.0f} nat' if cause in _ALIKE and np.isfinite(gap) else ''
-        said.append(f'{cause}{alike} ({count})')
-    return said
-
-
-_FLIPPED = 'upright and upside down look alike'
-_ELSEWHERE = 'another pose looks as likely'
-_ALIKE = _FLIPPED, _ELSEWHERE
+    counts = Counter(_cause(each) for each in present(trials) if not aim.reached(each))
+    return [f'{cause} ({count})' for cause, count in counts.most_common()]
 
 
 def _cause(trial: Trial) -> str:
@@ -157,12 +130,12 @@ def _cause(trial: Trial) -> str:
         return 'the pose is right, but its contours are too faint to be sure'
     if (trial.symmetric and trial.axis_deg > _UPSIDE_DOWN and trial.translation_mm < _BESIDE
             and abs(trial.extra['gap']) <= _CLOSE_CALL):
-        return _FLIPPED
+        return 'upright and upside down look alike'
     if trial.extra['gap'] > _CLOSE_CALL:
         return 'something else looks more like the object'
     if trial.extra['gap'] < -_CLOSE_CALL:
         return 'the search missed the true pose'
-    return _ELSEWHERE
+    return 'another pose looks as likely'
 
 
 def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim: Aim) -> str:
@@ -171,38 +144,30 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
     The fewest views whose share reaches the aim; said with its interval. What fewer views lack is
     said too.
     """
-    cells = {each.name: cell(trials[each.name], aim) for each in sets}
-    scenes = max(len(each.flags) for each in cells.values())
+    flags = {each.name: good_enough(trials[each.name], aim) for each in sets}
+    scenes = max(map(len, flags.values()))
     if scenes < LEAST:
         return f'Too few scenes to say anything: {scenes}, {LEAST} at least.'
-    good = [each for each in sets if share(cells[each.name].flags) >= aim.share]
+    shares = {name: share(each) for name, each in flags.items()}
+    good = [each for each in sets if shares[each.name] >= aim.share]
     chosen = min(good, key=lambda each: (
-        len(each.pictures), -share(cells[each.name].flags))) if good else max(
-        sets, key=lambda each: share(cells[each.name].flags))
-    name, low = chosen.name, interval(cells[chosen.name].flags)[0]
-    text = f'{_capital(name)}: {cells[name]} within {aim}.'
+        len(each.pictures), -shares[each.name])) if good else max(
+        sets, key=lambda each: shares[each.name])
+    name = chosen.name
+    text = f'{_capital(name)}: {told_share(flags[name])} within {aim}.'
     if not good:
-        text = (f'Not yet: the best is {name}, {cells[name]} within {aim}, where '
+        text = (f'Not yet: the best is {name}, {told_share(flags[name])} within {aim}, where '
                 f'{100 * aim.share:.0f} % are asked.')
-    elif low < aim.share - 0.1:
+    elif interval(flags[name])[0] < aim.share - 0.1:
         text += ' More scenes would make this surer.'
     why = causes(trials[name], aim)
     if why and not good:
         text += f' What fails: {"; ".join(why)}.'
     if not chosen.is_one and sets[0].is_one:
-        one = trials[sets[0].name]
-        why = causes(one, aim)
-        text += (f' One view is not enough: {cells[sets[0].name]}'
-                 + (f'; {"; ".join(why[:2])}' if why else
-                    f', {_median([each for each in one if each.found], "across_mm"):.1f} mm '
-                    'across the line of sight but '
-                    f'{_along(one):.1f} mm along it') + '.')
+        one = sets[0].name
+        text += (f' One view is not enough: {told_share(flags[one])}; '
+                 f'{"; ".join(causes(trials[one], aim)[:2])}.')
     return text
-
-
-def _along(trials: Sequence[Trial]) -> float:
-    found = [abs(each.ray_mm) for each in trials if each.found]
-    return float(np.median(found)) if found else float('nan')
 
 
 def _capital(text: str) -> str:

@@ -53,8 +53,9 @@ class Feasibility:
     def table(self, groups: Sequence[findings.Group]) -> tuple[list[str], list[list[str]]]:
         """Head and rows: the share that is good enough, by set and group."""
         return ['views', *(name for name, _ in groups)], [
-            [each.name, *(str(findings.cell(list(filter(belongs, self.trials[each.name])),
-                                            self.aim)) for _, belongs in groups)]
+            [each.name, *(findings.told_share(findings.good_enough(
+                list(filter(belongs, self.trials[each.name])), self.aim))
+                for _, belongs in groups)]
             for each in self.sets]
 
     @property
@@ -75,6 +76,7 @@ def page(of: Feasibility) -> str:
         surroundings=of.table(findings.surroundings(every)),
         causes=[(each.name, findings.causes(of.trials[each.name], of.aim)) for each in of.sets],
         curves=image(_curves(of), 'share of scenes found, over the error allowed', 'chart'),
+        enough=len(first) >= findings.LEAST,
         scenes=image(_scenes(of), 'some of the scenes'), worst=_worst(of), least=findings.LEAST,
         version=__version__)
 

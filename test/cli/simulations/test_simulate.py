@@ -120,7 +120,8 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert '0 of 1 scenes to make: about' in made.output
     page = (out / 'feasibility.html').read_text()
     assert 'Will it work for tumbler?' in page
-    assert page.count('data:image/png') == 3  # curves, scenes, the one that is worst
+    assert page.count('data:image/png') == 2  # scenes, the one that is worst; no curve of one
+    assert 'What fails' not in page
     trials = json.loads((out / 'scenes' / '000000' / 'trials.json').read_text())
     assert list(trials) == ['one view', 'two views over 30 degrees']
     before = (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns

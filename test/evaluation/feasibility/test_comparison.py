@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.feasibility.comparison import Pair, pairs, studied, verdict
-from pmcl_ros.evaluation.feasibility.findings import Aim, Cell
+from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.runtime.errors import FileError
 
@@ -32,7 +32,7 @@ def write_study(folder: Path, good: Sequence[bool]) -> Path:
 
 def pair(first: tuple[int, int], second: tuple[int, int]) -> Pair:
     """Of counts: good ones, all."""
-    return Pair('one view', 'all', *(Cell((True,) * good + (False,) * (count - good))
+    return Pair('one view', 'all', *([True] * good + [False] * (count - good)
                                      for good, count in (first, second)))
 
 
