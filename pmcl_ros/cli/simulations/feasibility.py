@@ -13,7 +13,7 @@ from pmcl_ros.cli.simulations.options import (
     minutes,
     simulation_options,
 )
-from pmcl_ros.evaluation.feasibility.findings import HEAD, Aim
+from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
 from pmcl_ros.evaluation.feasibility.scene_trials import scene_trials
@@ -77,6 +77,6 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     about = simulated.about | {'seeds': f'{seed} to {seed + count - 1}'}
     study = Feasibility(model, about, sets, trials, Aim(millimetres, degrees, share), scenes)
     written.write_text(page_of(study), encoding='utf-8')
-    click.echo(table(HEAD, study.rows()))
+    click.echo(table(*study.table()))
     click.echo(f'\n{study.recommendation}')
     click.echo(written)

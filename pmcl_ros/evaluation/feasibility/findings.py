@@ -51,16 +51,15 @@ def _medians(trials: Sequence[Trial], *values: Callable[[Trial], float]) -> str:
                      ) if len(trials) >= LEAST else ''
 
 
-HEAD = ('views', 'good enough', 'told, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
+HEAD = ('good enough', 'told, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
         'across, along the ray [mm]', 'angle [°]', 'told [mm]', '90 % regions hold')
 
 
-def row(name: str, trials: Sequence[Trial], aim: Aim) -> list[str]:
+def row(trials: Sequence[Trial], aim: Aim) -> list[str]:
     """Cells of `HEAD`: medians are of the poses that are told and right."""
     there = present(trials)
     found = [each for each in there if each.found]
-    return [name, told_share(good_enough(trials, aim)),
-            told_share([each.found for each in there]),
+    return [told_share(good_enough(trials, aim)), told_share([each.found for each in there]),
             told_share([each.lost for each in there]),
             told_share([not each.near and not each.lost for each in there]),
             _medians(found, lambda each: each.translation_mm),

@@ -46,17 +46,18 @@ class Feasibility:
         """In plain words (`findings.recommendation`)."""
         return findings.recommendation(self.sets, self.trials, self.aim)
 
-    def rows(self) -> list[list[str]]:
-        """A row of `findings.HEAD` for each set."""
-        return [findings.row(each.name, self.trials[each.name], self.aim) for each in self.sets]
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Head and rows, one for each set."""
+        return ['views', *findings.HEAD], [
+            [each.name, *findings.row(self.trials[each.name], self.aim)] for each in self.sets]
 
-    def table(self, groups: Sequence[findings.Group]) -> tuple[list[str], list[list[str]]]:
-        """Head and rows: the share that is good enough, by set and group."""
-        return ['views', *(name for name, _ in groups)], [
-            [each.name, *(findings.told_share(findings.good_enough(
-                list(filter(belongs, self.trials[each.name])), self.aim))
-                for _, belongs in groups)]
-            for each in self.sets]
+    def table_by(self, name: str, groups: Sequence[findings.Group]
+                 ) -> tuple[list[str], list[list[str]]]:
+        """Head and rows, one for each set and group. name: of what makes groups."""
+        return ['views', name, *findings.HEAD], [
+            [each.name, group, *findings.row(
+                list(filter(belongs, self.trials[each.name])), self.aim)]
+            for each in self.sets for group, belongs in groups]
 
     @property
     def best(self) -> ViewSet:
@@ -71,9 +72,9 @@ def page(of: Feasibility) -> str:
     first = of.trials[of.sets[0].name]
     return rendered(
         'feasibility.html', 'pmcl_ros.evaluation.feasibility',
-        of=of, about=of.about, head=findings.HEAD, rows=of.rows(),
-        distances=of.table(findings.distances(first)),
-        surroundings=of.table(findings.surroundings(every)),
+        of=of, about=of.about,
+        groups={'distance': findings.distances(first),
+                'surroundings': findings.surroundings(every)},
         causes=[(each.name, findings.causes(of.trials[each.name], of.aim)) for each in of.sets],
         curves=image(_curves(of), 'share of scenes found, over the error allowed', 'chart'),
         enough=len(first) >= findings.LEAST,

@@ -1,9 +1,11 @@
 """What is said of simulated scenes."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from runs import MODEL
 
 from pmcl_ros.evaluation.feasibility import findings
 from pmcl_ros.evaluation.feasibility.findings import (
@@ -15,6 +17,7 @@ from pmcl_ros.evaluation.feasibility.findings import (
     told_share,
     worst,
 )
+from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet, view_sets
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.simulation.camera_plan import CameraPlan
@@ -47,11 +50,11 @@ def test_cells_of_few_scenes_are_empty() -> None:
     assert told_share(good_enough([trial(k) for k in range(9)], Aim())) == ''
     some = [trial(k, 1 if k < 18 else 9, told_mm=2) for k in range(20)]
     assert told_share(good_enough(some, Aim())) == '90 % (18 of 20; 70 to 97 %)'
-    assert findings.row('x', some, Aim())[5:9] == ['1.0', '0.5, 0.5', '1.0', '2.0']
-    assert findings.row('x', some[:9], Aim()) == ['x'] + [''] * (len(findings.HEAD) - 1)
+    assert findings.row(some, Aim())[4:8] == ['1.0', '0.5, 0.5', '1.0', '2.0']
+    assert findings.row(some[:9], Aim()) == [''] * len(findings.HEAD)
     # Medians are of the poses that are found: here of one in twenty scenes.
     rare = [some[0], *(trial(k, 60, 50) for k in range(1, 20))]
-    assert findings.row('x', rare, Aim())[1:] == [
+    assert findings.row(rare, Aim()) == [
         '5 % (1 of 20; 1 to 24 %)', '5 % (1 of 20; 1 to 24 %)', '0 % (0 of 20; 0 to 16 %)',
         '95 % (19 of 20; 76 to 99 %)', '', '', '', '', '']
 
@@ -133,4 +136,18 @@ def test_the_curve_is_the_share_told_within_each_error() -> None:
 
 @pytest.mark.parametrize('count', [1, 10])
 def test_rows_have_a_cell_for_each_column(count: int) -> None:
-    assert len(findings.row('x', [trial(k) for k in range(count)], Aim())) == len(findings.HEAD)
+    assert len(findings.row([trial(k) for k in range(count)], Aim())) == len(findings.HEAD)
+
+
+def test_tables_of_groups_have_the_columns_of_all(tmp_path: Path) -> None:
+    some = [trial(k, 1 if k < 12 else 60, distance=0.3 + 0.01 * k, told_mm=2) for k in range(20)]
+    study = Feasibility(MODEL, {}, (ONE,), {ONE.name: some}, Aim(), tmp_path)
+    (head, rows), (by_head, by_rows) = study.table(), study.table_by(
+        'distance', findings.distances(some))
+    assert by_head == ['views', 'distance', *head[1:]]
+    assert [row[:2] for row in by_rows] == [[ONE.name, '0.30 to 0.40 m'],
+                                            [ONE.name, '0.40 to 0.49 m']]
+    assert by_rows[0][2:] == findings.row(some[:10], Aim())
+    assert by_rows[1][2:7] == ['20 % (2 of 10; 6 to 51 %)', '20 % (2 of 10; 6 to 51 %)',
+                               '0 % (0 of 10; 0 to 28 %)', '80 % (8 of 10; 49 to 94 %)', '']
+    assert study.table_by('distance', [('all', lambda _: True)])[1][0][2:] == rows[0][1:]
