@@ -16,7 +16,12 @@ from pmcl_ros.lightfield.calibration.calibrate import Calibrator
 from pmcl_ros.lightfield.calibration.camera_model import predict
 from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.simulation.lytro.calibration_pictures import board_picture, white_picture
+from pmcl_ros.simulation.lytro.calibration_pictures import (
+    COUNT,
+    board_picture,
+    white_picture,
+    write_calibration_pictures,
+)
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.path_tracing.render import physical_along
@@ -140,3 +145,13 @@ def test_both_renderers_see_the_same_along_rays() -> None:
                    for make in (fast_along, physical_along))
     np.testing.assert_allclose(traced.mean(axis=0), own.mean(axis=0), rtol=0.02)
     assert np.corrcoef(traced.ravel(), own.ravel())[0, 1] > 0.97
+
+
+def test_calibration_pictures_tell_how_far_they_are(tmp_path: Path) -> None:
+    small, shares = LytroCamera(width=80, height=80), list[float]()
+    places = list(write_calibration_pictures(tmp_path, small, progress=shares.append))
+    assert [each.name for each in places] == ['white', *(f'board{k}' for k in range(1, 9))]
+    assert all((each / 'truth.json').is_file() for each in places)
+    assert shares == [1.0] * COUNT  # pictures so small are of one piece
+    assert len(list(write_calibration_pictures(tmp_path, small, progress=shares.append))) == COUNT
+    assert len(shares) == COUNT  # those that are there are kept

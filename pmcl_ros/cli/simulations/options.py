@@ -6,16 +6,18 @@ import math
 import pickle
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 import numpy as np
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros import __version__
-from pmcl_ros.cli.base import OBJECT, with_options
+from pmcl_ros.cli.base import OBJECT, STDERR, with_options
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
@@ -31,6 +33,7 @@ from pmcl_ros.simulation.described.wet_places import tank_distance
 from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.path_tracing.render import physical, physical_along
+from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.random_scene import random_sensor
 from pmcl_ros.simulation.scenes.rays import RayRenderer, fast_along
@@ -44,6 +47,7 @@ RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (ph
 # Samples are of a raw pixel: one view's pixel gathers those of some ten.
 _ALONG: dict[str, tuple[RayRenderer, int]] = {
     'fast': (fast_along, 4), 'physical': (physical_along, 16)}
+Result = TypeVar('Result')
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _CLEARANCE = 0.02  # m: between an object and the camera, at least
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
@@ -230,6 +234,35 @@ def _check_size(draw: Draw, region: str) -> None:
             f'--region {region}: the object is {size:.2g} m across, and its middle may be '
             f'{draw.settings.near:g} m from the camera: check scale in its YAML file, or set NEAR '
             f'to {math.ceil(100 * least) / 100:.2f} or more')
+
+
+def shown(name: str, count: int, work: Callable[[Callable[[float], None]], Iterable[Result]]
+          ) -> Iterator[Result]:
+    """The results of work, while a bar shows how many of `count` there are.
+
+    work: takes a function that it may call with the share done of the next result.
+    """
+    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
+                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
+        task, done = bar.add_task(name, total=count), 0
+
+        def show(part: float) -> None:
+            bar.update(task, completed=done + part)
+
+        for each in work(show):
+            done += 1
+            show(0)
+            yield each
+
+
+def processed(name: str, function: Callable[..., Result], values: Sequence[Any], jobs: int,
+              backend: str, scheduler: str | None) -> Iterator[Result]:
+    """As `run_all`, `shown`. The function takes `progress` too, which other processes leave."""
+    def work(progress: Callable[[float], None]) -> Iterator[Result]:
+        here = jobs == 1 and backend == 'loky'
+        return run_all(partial(function, progress=progress) if here else function, values, jobs,
+                       backend, scheduler)
+    return shown(name, len(values), work)
 
 
 def minutes(seconds: float) -> str:

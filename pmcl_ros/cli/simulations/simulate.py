@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, check_scheduler
-from pmcl_ros.cli.simulations.options import Simulated, simulation_options
-from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration_pictures
+from pmcl_ros.cli.base import FOLDER, FORCE, check_scheduler
+from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
+from pmcl_ros.simulation.lytro.calibration_pictures import COUNT, write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
-from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 
 
@@ -40,12 +38,11 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
     simulated = Simulated.from_options(seed=seed, **options)
     simulation = simulated.simulation
     simulated.claim(out, seed)
-    if isinstance(simulation.camera, LytroCamera):
-        write_calibration_pictures(out, simulation.camera, force)
-    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
-                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
-        task = bar.add_task('scenes', total=count)
-        one = partial(simulate_one, folder=out.resolve(), of=simulation, force=force)
-        for place in run_all(one, range(seed, seed + count), jobs, backend, scheduler):
-            bar.advance(task)
+    camera = simulation.camera
+    if isinstance(camera, LytroCamera):
+        for place in shown('calibration', COUNT, lambda progress: write_calibration_pictures(
+                out, camera, force, progress)):
             click.echo(place)
+    one = partial(simulate_one, folder=out.resolve(), of=simulation, force=force)
+    for place in processed('scenes', one, range(seed, seed + count), jobs, backend, scheduler):
+        click.echo(place)

@@ -1,7 +1,7 @@
 """What a camera is calibrated with: its white image, and pictures of a checkerboard."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,17 +30,22 @@ _SAMPLES = 8  # rays of a raw pixel: nothing but boards is cheap
 _TILTS = (0.5, 0.6, 0.45, 0.55, 0.35, 0.5, 0.6, 0.4)  # rad
 _DISTANCES = (0.78, 0.86, 0.95, 1.05, 1.16, 1.28, 1.42, 1.6)  # focus distances
 _TURN = 2.4  # rad, between the directions of two tilts: the golden angle
+COUNT = 1 + len(_TILTS)  # of the pictures: the white one, and boards
+
+Progress = Callable[[float], None]  # called with the share done of a picture
 
 
-def white_picture(camera: LytroCamera, rng: np.random.Generator,
-                  samples: int = _SAMPLES) -> RawFrame:
+def white_picture(camera: LytroCamera, rng: np.random.Generator, samples: int = _SAMPLES,
+                  progress: Progress = lambda _: None) -> RawFrame:
     """The white image."""
     empty = _scene(camera, ())
-    return raw_picture(camera, fast_along(empty), rng, samples, _LEVEL, is_white=True)
+    return raw_picture(camera, fast_along(empty), rng, samples, _LEVEL, is_white=True,
+                       progress=progress)
 
 
 def board_picture(camera: LytroCamera, board: Checkerboard, pose: NDArray[np.float64],
-                  rng: np.random.Generator, samples: int = _SAMPLES) -> RawFrame:
+                  rng: np.random.Generator, samples: int = _SAMPLES,
+                  progress: Progress = lambda _: None) -> RawFrame:
     """A raw picture of a board with a light margin, before a wall.
 
     pose: (4, 4) to the camera, of the frame of `Checkerboard.points`, z into the board.
@@ -55,7 +60,8 @@ def board_picture(camera: LytroCamera, board: Checkerboard, pose: NDArray[np.flo
     paper = np.full((SIZE, SIZE, 3), _LIGHT, np.float32)
     sheets = (Sheet(pose @ middle, (width, height), _squares(board), 2 * board.square),
               Sheet(pose @ behind, (wide, high), paper, 1.0))
-    return raw_picture(camera, fast_along(_scene(camera, sheets)), rng, samples)
+    return raw_picture(camera, fast_along(_scene(camera, sheets)), rng, samples,
+                       progress=progress)
 
 
 def board_poses(camera: LytroCamera, board: Checkerboard = BOARD) -> Iterator[NDArray[np.float64]]:
@@ -78,7 +84,8 @@ def board_poses(camera: LytroCamera, board: Checkerboard = BOARD) -> Iterator[ND
         yield pose
 
 
-def write_calibration(folder: Path, camera: LytroCamera, force: bool = False) -> None:
+def write_calibration(folder: Path, camera: LytroCamera, force: bool = False,
+                      progress: Progress = lambda _: None) -> None:
     """Write what a decoder needs into a folder: calibration.yaml, the exact one, and white/.
 
     white/ has IMG.RAW, IMG.TXT, truth.json; one that is there is kept. Raises OutputError where a
@@ -88,22 +95,26 @@ def write_calibration(folder: Path, camera: LytroCamera, force: bool = False) ->
         camera.calibration.save(out.path('calibration.yaml'), 'Of a simulated camera: exact.')
     lattice = camera.lattice.model_dump(mode='json')
     if not is_there(folder / 'white'):
-        _write(folder / 'white', white_picture(camera, np.random.default_rng(0)),
-               {'lattice': lattice}, force)
+        frame = white_picture(camera, np.random.default_rng(0), progress=progress)
+        _write(folder / 'white', frame, {'lattice': lattice}, force)
 
 
-def write_calibration_pictures(folder: Path, camera: LytroCamera, force: bool = False) -> None:
+def write_calibration_pictures(folder: Path, camera: LytroCamera, force: bool = False,
+                               progress: Progress = lambda _: None) -> Iterator[Path]:
     """Write white/, board1/ ... board8/ and calibration.yaml, the exact one, into a folder.
 
-    Each has IMG.RAW, IMG.TXT, truth.json; those that are there are kept. Raises as
-    `write_calibration`.
+    The folder of each of the `COUNT` pictures as it is ready: IMG.RAW, IMG.TXT, truth.json. Those
+    that are there are kept. Raises as `write_calibration`.
     """
-    write_calibration(folder, camera, force)
+    write_calibration(folder, camera, force, progress)
+    yield folder / 'white'
     for number, pose in enumerate(board_poses(camera), 1):
         place = folder / f'board{number}'
         if not is_there(place):
-            frame = board_picture(camera, BOARD, pose, np.random.default_rng(number))
+            frame = board_picture(camera, BOARD, pose, np.random.default_rng(number),
+                                  progress=progress)
             _write(place, frame, {'board_to_camera': pose.tolist()}, force)
+        yield place
 
 
 def _write(folder: Path, frame: RawFrame, truth: dict[str, object], force: bool) -> None:
