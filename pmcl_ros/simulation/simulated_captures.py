@@ -57,14 +57,15 @@ def is_there(folder: Path) -> bool:
 
 def simulate(seed: int, folder: Path, of: Simulation,
              progress: Callable[[float], None] = lambda _: None, force: bool = False) -> Path:
-    """Write the capture of a seed into folder/SEED, unless it is there; returns that folder.
+    """Write the capture of a seed into folder/SEED; returns that folder.
 
     It has the files of `pmcl scenes render`. progress: called with the share done. The same seed
-    gives the same capture. Raises SimulationError as the renderer does, OutputError where a file
-    is there that no earlier run wrote, unless `force`.
+    gives the same capture; one that is there is kept. force: it is made anew, whatever is there is
+    overwritten. Raises SimulationError as the renderer does, OutputError where a file is there
+    that no earlier run wrote.
     """
     place = place_of(seed, folder)
-    if is_there(place):
+    if is_there(place) and not force:
         return place
     with Results(place, 'feasibility', force) as trials:  # of a picture that is made anew
         trials.path('trials.json').unlink(missing_ok=True)

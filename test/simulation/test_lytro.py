@@ -155,3 +155,5 @@ def test_calibration_pictures_tell_how_far_they_are(tmp_path: Path) -> None:
     assert shares == [1.0] * COUNT  # pictures so small are of one piece
     assert len(list(write_calibration_pictures(tmp_path, small, progress=shares.append))) == COUNT
     assert len(shares) == COUNT  # those that are there are kept
+    list(write_calibration_pictures(tmp_path, small, force=True, progress=shares.append))
+    assert len(shares) == 2 * COUNT

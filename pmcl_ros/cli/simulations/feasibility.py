@@ -6,7 +6,7 @@ from typing import Any
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.cli.base import FOLDER, STDERR, results_in
 from pmcl_ros.cli.simulations.options import (
     Simulated,
     aim_options,
@@ -40,7 +40,6 @@ NAME = 'feasibility.html'
 @click.option('--share', type=click.FloatRange(0, 1, min_open=True), default=Aim().share,
               show_default=True, help='Share of the scenes that has to be good enough.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')
-@FORCE
 def feasibility(count: int, millimetres: float, degrees: float, share: float, out: Path, seed: int,
                 plan: str | None, camera: str, thing: Path, force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT, localise it in each, and write one page.

@@ -74,7 +74,9 @@ _OPTIONS = (
             f'{name} {samples}' for name, (_, samples) in _ALONG.items()),
         help='Rays or paths of a pixel: four times as many halve the noise.'),
     click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
-                 help='Scene k is that of seed + k.'))
+                 help='Scene k is that of seed + k.'),
+    click.option('--force', is_flag=True, help='Make all anew that is there already, and '
+                 'overwrite files, whoever wrote them.'))
 
 
 _AIM_OPTIONS = (

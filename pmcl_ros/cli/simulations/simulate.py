@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, FORCE, check_scheduler
+from pmcl_ros.cli.base import FOLDER, check_scheduler
 from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
 from pmcl_ros.simulation.lytro.calibration_pictures import COUNT, write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -27,7 +27,6 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
               'workers write to the same folder.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
               'Scenes that it has are kept.')
-@FORCE
 def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Path, seed: int,
              force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT (YAML with `appearance`) into --out, with the true poses.

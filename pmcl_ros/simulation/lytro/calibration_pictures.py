@@ -104,13 +104,15 @@ def write_calibration_pictures(folder: Path, camera: LytroCamera, force: bool = 
     """Write white/, board1/ ... board8/ and calibration.yaml, the exact one, into a folder.
 
     The folder of each of the `COUNT` pictures as it is ready: IMG.RAW, IMG.TXT, truth.json. Those
-    that are there are kept. Raises as `write_calibration`.
+    that are there are kept, unless `force`. Raises as `write_calibration`.
     """
+    if force:
+        (folder / 'white' / 'truth.json').unlink(missing_ok=True)  # so it is not kept
     write_calibration(folder, camera, force, progress)
     yield folder / 'white'
     for number, pose in enumerate(board_poses(camera), 1):
         place = folder / f'board{number}'
-        if not is_there(place):
+        if force or not is_there(place):
             frame = board_picture(camera, BOARD, pose, np.random.default_rng(number),
                                   progress=progress)
             _write(place, frame, {'board_to_camera': pose.tolist()}, force)

@@ -68,7 +68,11 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
     (capture.folder / '000.png').write_bytes(b'kept')
     assert run(tumbler, 'simulate', *options).exit_code == 0  # what is there is kept
     assert (capture.folder / '000.png').read_bytes() == b'kept'
-    if renderer == 'fast':  # and made again where it is not whole, but for what is not its own
+    if renderer == 'fast':
+        assert run(tumbler, 'simulate', *options, '--force').exit_code == 0
+        assert (capture.folder / '000.png').read_bytes() == kept
+        (capture.folder / '000.png').write_bytes(b'kept')
+        # And made again where it is not whole, but for what is not its own
         (capture.folder / 'truth.json').unlink()
         refused = run(tumbler, 'simulate', *options)
         assert refused.exit_code == 1
@@ -130,6 +134,12 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert '1 of 2 scenes to make: about' in more.output
     assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns == before
     assert (out / 'scenes' / '000001' / 'trials.json').exists()
+    anew = run(tumbler, 'feasibility', '--scenes', '1', '--force', *options)
+    assert anew.exit_code == 0, anew.output
+    again = json.loads((out / 'scenes' / '000000' / 'trials.json').read_text())
+    assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns != before
+    assert [each['pose'] for each in again.values()] == [
+        each['pose'] for each in trials.values()]
     other = run(tumbler, 'feasibility', '--scenes', '1', '--region', '0.5:0.6', *options)
     assert other.exit_code == 1
     assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
