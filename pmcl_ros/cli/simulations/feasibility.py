@@ -1,29 +1,31 @@
 """`pmcl feasibility`: will it work for this object and this camera?"""
 
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, STDERR, results_in
+from pmcl_ros.cli.base import FOLDER, results_in
 from pmcl_ros.cli.simulations.options import (
     Simulated,
     aim_options,
     minutes,
+    processed,
     simulation_options,
 )
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
-from pmcl_ros.evaluation.feasibility.scene_trials import scene_trials
-from pmcl_ros.evaluation.feasibility.view_sets import view_sets
+from pmcl_ros.evaluation.feasibility.scene_trials import missing, scene_trials
+from pmcl_ros.evaluation.feasibility.view_sets import ViewSet, view_sets
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.simulated_captures import is_there, place_of, simulate
+from pmcl_ros.simulation.simulated_captures import Simulation, is_there, place_of, simulate
 
-_SEARCH = 2.5  # s: of one set of views, roughly
 _PLAN = 'arc:3:30'
 NAME = 'feasibility.html'
 
@@ -57,25 +59,36 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     of = simulated.simulation
     written = results_in(out, force).path(NAME)
     model, sets = ObjectModel.load(thing), view_sets(of.plan)
-    searches = _SEARCH * len(sets)
     scenes = out / 'scenes'
     simulated.claim(scenes, seed)
-    drawn = simulated.seconds_a_scene(seed)
-    left = sum(not is_there(place_of(seed + number, scenes)) for number in range(count))
-    click.echo(f'{left} of {count} scenes to make: about {minutes(left * (drawn + searches))}, '
-               f'{minutes(left * drawn)} of it for pictures', err=True)
+    seeds = range(seed, seed + count)
+    to_make = [each for each in seeds if force or not is_there(place_of(each, scenes))]
+    to_search = [each for each in seeds
+                 if each not in to_make and missing(place_of(each, scenes), sets)]
+    click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',
+               err=True)
+    one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)
+    begun = time.perf_counter()
+    for number, done in enumerate(processed('scenes', one, to_make + to_search)):
+        taken = time.perf_counter() - begun
+        searching = sum(each.seconds for each in done) if to_make else taken
+        left = len(to_make) * taken + len(to_search) * searching - taken
+        if number == 0 and left > 0:
+            click.echo(f'about {minutes(left)} more: the first scene took {minutes(taken)}',
+                       err=True)
     trials: dict[str, list[Trial]] = {each.name: [] for each in sets}
-    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
-                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
-        task = bar.add_task('scenes', total=count)
-        for number in range(count):
-            place = simulate(seed + number, scenes, of, force=force)
-            for each in scene_trials(place, model, sets, force):
-                trials[each.mode].append(each)
-            bar.advance(task)
+    for each in seeds:
+        for trial in scene_trials(place_of(each, scenes), model, sets):
+            trials[trial.mode].append(trial)
     about = simulated.about | {'seeds': f'{seed} to {seed + count - 1}'}
     study = Feasibility(model, about, sets, trials, Aim(millimetres, degrees, share), scenes)
     written.write_text(page_of(study), encoding='utf-8')
     click.echo(table(*study.table()))
     click.echo(f'\n{study.recommendation}')
     click.echo(written)
+
+
+def _studied(seed: int, folder: Path, of: Simulation, model: ObjectModel,
+             sets: Sequence[ViewSet], force: bool,
+             progress: Callable[[float], None] = lambda _: None) -> list[Trial]:
+    return scene_trials(simulate(seed, folder, of, progress, force), model, sets, force)

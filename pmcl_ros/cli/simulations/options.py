@@ -5,7 +5,6 @@ import json
 import math
 import pickle
 import re
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -50,7 +49,6 @@ _ALONG: dict[str, tuple[RayRenderer, int]] = {
 Result = TypeVar('Result')
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _CLEARANCE = 0.02  # m: between an object and the camera, at least
-_PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
 
 _OPTIONS = (
     click.argument('thing', metavar='OBJECT', type=OBJECT),
@@ -205,25 +203,6 @@ class Simulated:
         of, rng = self.simulation, np.random.default_rng(seed)
         return of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
 
-    def seconds_a_scene(self, seed: int) -> float:
-        """Time to render a scene, estimated from small pictures of the first one [s]."""
-        of, scene = self.simulation, self._first_scene(seed)
-        grid = scene.sensor.grid
-        if of.camera is None:
-            pictures = int((grid.weights > 0).sum())
-        else:
-            pictures = 1 if of.plan is None else len(of.plan.cameras(scene))
-        taken: dict[float, float] = {}
-        for factor in (_PROBED[0], *_PROBED):  # the first one compiles
-            small = replace(scene.sensor, grid=replace(grid, pinhole=grid.pinhole.resized(
-                max(grid.pinhole.width // factor, 1), max(grid.pinhole.height // factor, 1))))
-            begun = time.perf_counter()
-            of.renderer(scene)(small, *grid.centre, 0, of.samples, seed)
-            taken[factor ** -2] = time.perf_counter() - begun
-        (few, short), (many, long) = taken.items()
-        rate = max(long - short, 0) / (many - few)
-        return pictures * (short + rate * (1 - few))
-
 
 def _check_size(draw: Draw, region: str) -> None:
     """Raise SettingsError where the camera could be in the object, or in its tank."""
@@ -257,8 +236,8 @@ def shown(name: str, count: int, work: Callable[[Callable[[float], None]], Itera
             yield each
 
 
-def processed(name: str, function: Callable[..., Result], values: Sequence[Any], jobs: int,
-              backend: str, scheduler: str | None) -> Iterator[Result]:
+def processed(name: str, function: Callable[..., Result], values: Sequence[Any], jobs: int = 1,
+              backend: str = 'loky', scheduler: str | None = None) -> Iterator[Result]:
     """As `run_all`, `shown`. The function takes `progress` too, which other processes leave."""
     def work(progress: Callable[[float], None]) -> Iterator[Result]:
         here = jobs == 1 and backend == 'loky'

@@ -41,19 +41,28 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
     (12,) the true pose in the frame of `pose`; `picture`, the number of the picture whose frame
     that is. Raises OutputError where trials.json is not of an earlier run, unless `force`.
     """
-    try:
-        kept = _read(folder / NAME)
-    except FileError:
-        kept = {}
-    source, truth = read_source(folder), Truth.load(folder / 'truth.json')
-    seed = int(folder.name)
-    for each in sets:
-        if each.name not in kept:
-            kept[each.name] = _trial(source, truth, model, each, seed)
+    kept = _whole(folder)
+    if left := missing(folder, sets):
+        source, truth = read_source(folder), Truth.load(folder / 'truth.json')
+        for each in left:
+            kept[each.name] = _trial(source, truth, model, each, int(folder.name))
             with Results(folder, 'feasibility', force) as out:
                 out.path(NAME).write_text(json.dumps(
                     {name: asdict(trial) for name, trial in kept.items()}, indent=1) + '\n')
     return _from_one_camera([kept[each.name] for each in sets])
+
+
+def missing(folder: Path, sets: Sequence[ViewSet]) -> list[ViewSet]:
+    """The sets of which folder/trials.json has no trial."""
+    kept = _whole(folder)
+    return [each for each in sets if each.name not in kept]
+
+
+def _whole(folder: Path) -> dict[str, Trial]:
+    try:
+        return _read(folder / NAME)
+    except FileError:
+        return {}
 
 
 def kept_trials(folder: Path) -> list[Trial]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -121,7 +122,7 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     made = run(tumbler, 'feasibility', '--scenes', '1', *options)
     assert made.exit_code == 0, made.output
     assert 'Too few scenes' in made.output
-    assert '0 of 1 scenes to make: about' in made.output
+    assert '0 of 1 scenes to make, 1 more to search in' in made.output
     page = (out / 'feasibility.html').read_text()
     assert 'Will it work for tumbler?' in page
     assert page.count('data:image/png') == 2  # scenes, the one that is worst; no curve of one
@@ -131,11 +132,16 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     before = (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns
     more = run(tumbler, 'feasibility', '--scenes', '2', *options)
     assert more.exit_code == 0, more.output
-    assert '1 of 2 scenes to make: about' in more.output
+    assert '1 of 2 scenes to make, 0 more to search in\n' in more.output
+    assert 'the first scene took' not in more.output  # nor is anything left after it
     assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns == before
     assert (out / 'scenes' / '000001' / 'trials.json').exists()
-    anew = run(tumbler, 'feasibility', '--scenes', '1', '--force', *options)
+    same = run(tumbler, 'feasibility', '--scenes', '2', *options)
+    assert '0 of 2 scenes to make, 0 more to search in\n' in same.output
+    anew = run(tumbler, 'feasibility', '--scenes', '2', '--force', *options)
     assert anew.exit_code == 0, anew.output
+    assert re.search(r'2 of 2 scenes to make, 0 more .*\nabout \d+ (s|min) more: the first scene '
+                     r'took \d+ (s|min)\n', anew.output)
     again = json.loads((out / 'scenes' / '000000' / 'trials.json').read_text())
     assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns != before
     assert [each['pose'] for each in again.values()] == [
