@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, results_in
+from pmcl_ros.cli.base import FOLDER, check_scheduler, process_options, results_in
 from pmcl_ros.cli.simulations.options import (
     Simulated,
     aim_options,
@@ -41,14 +41,17 @@ NAME = 'feasibility.html'
 @aim_options
 @click.option('--share', type=click.FloatRange(0, 1, min_open=True), default=Aim().share,
               show_default=True, help='Share of the scenes that has to be good enough.')
+@process_options
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')
-def feasibility(count: int, millimetres: float, degrees: float, share: float, out: Path, seed: int,
-                plan: str | None, camera: str, thing: Path, force: bool, **options: Any) -> None:
+def feasibility(count: int, millimetres: float, degrees: float, share: float, jobs: int,
+                backend: str, scheduler: str | None, out: Path, seed: int, plan: str | None,
+                camera: str, thing: Path, force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT, localise it in each, and write one page.
 
     The page says how often and how exactly it is found, by number of views and how far they are
     apart, by distance and surroundings, and what to mount.
     """
+    check_scheduler(backend, scheduler)
     if camera == 'f01-raw':
         raise click.UsageError('--camera f01-raw: a study takes light fields, f01; pmcl simulate '
                                'and pmcl evaluate take raw pictures')
@@ -69,11 +72,12 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
                err=True)
     one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)
     begun = time.perf_counter()
-    for number, done in enumerate(processed('scenes', one, to_make + to_search)):
+    for number, done in enumerate(processed('scenes', one, to_make + to_search, jobs,
+                                               backend, scheduler)):
         taken = time.perf_counter() - begun
         searching = sum(each.seconds for each in done) if to_make else taken
-        left = len(to_make) * taken + len(to_search) * searching - taken
-        if number == 0 and left > 0:
+        left = (len(to_make) * taken + len(to_search) * searching) / jobs - taken
+        if number == 0 and left > 0 and backend == 'loky':  # a cluster's workers are not known
             click.echo(f'about {minutes(left)} more: the first scene took {minutes(taken)}',
                        err=True)
     trials: dict[str, list[Trial]] = {each.name: [] for each in sets}

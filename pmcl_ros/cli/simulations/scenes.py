@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler, process_options
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.camera_plan import CameraPlan, without_walls_between
@@ -115,11 +115,7 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
 @click.option('--first-seed', type=click.IntRange(0), default=0, show_default=True,
               help='Picture k is that of first-seed + k.')
 @click.option('--count', type=click.IntRange(1), default=100, show_default=True, help='Pictures.')
-@click.option('--jobs', type=click.IntRange(1), default=1, show_default=True, help='Processes.')
-@click.option('--backend', type=click.Choice(['loky', 'dask']), default='loky', show_default=True,
-              help='Of joblib: processes of this machine, or a Dask cluster.')
-@click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. Its '
-              'workers write to the same folder.')
+@process_options
 @click.option('--renderer', type=click.Choice(['fast', 'physical']), default='fast',
               show_default=True, help=PictureSettings.model_fields['renderer'].description)
 @click.option('--no-film', is_flag=True, help='No scene has a film before the object, as with '

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, check_scheduler
+from pmcl_ros.cli.base import FOLDER, check_scheduler, process_options
 from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
 from pmcl_ros.simulation.lytro.calibration_pictures import COUNT, write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -19,12 +19,7 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
               'poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a YAML '
               'file with these or poses, and errors of the poses that are told; default: one.')
 @click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
-@click.option('--jobs', type=click.IntRange(1), default=1, show_default=True, help='Processes; '
-              'one uses all cores already.')
-@click.option('--backend', type=click.Choice(['loky', 'dask']), default='loky', show_default=True,
-              help='Of joblib: processes of this machine, or a Dask cluster.')
-@click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. Its '
-              'workers write to the same folder.')
+@process_options
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
               'Scenes that it has are kept.')
 def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Path, seed: int,

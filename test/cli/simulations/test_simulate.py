@@ -154,6 +154,20 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert 'scenes of another simulation: object, camera or settings have' in other.output
 
 
+def test_processes_give_the_digits_of_one(tumbler: Path) -> None:
+    studies = []
+    for jobs in ('1', '2'):
+        out = tumbler.with_name(f'jobs_{jobs}')
+        made = run(tumbler, 'feasibility', '--renderer', 'fast', '--samples', '2', '--cameras',
+                   'arc:2:30', '--scenes', '2', '--jobs', jobs, '-o', str(out))
+        assert made.exit_code == 0, made.output
+        studies.append([{name: {**trial, 'seconds': 0} for name, trial in json.loads(
+            (scene / 'trials.json').read_text()).items()}
+            for scene in sorted((out / 'scenes').glob('0*'))])
+    assert len(studies[0]) == 2
+    assert studies[0] == studies[1]
+
+
 def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
     """It is judged by where its camera was, not by where an arm of many errors tells it was."""
     plan = tumbler.with_name('plan.yaml')
