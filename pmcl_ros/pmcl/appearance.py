@@ -101,7 +101,9 @@ class Appearance(Settings):
         hollow = {'mouth': self.mouth, 'floor': self.floor, 'liquid': self.liquid}
         needless = [name for name, value in hollow.items() if value is not None]
         if needless and not (self.wall or self.inner):
-            raise ValueError(f'{needless[0]} is for hollow objects: give wall or inner too')
+            raise ValueError(f"{needless[0]} is for hollow objects: write 'wall: 0.0025', the "
+                             "thickness [m], or 'inner: inner.stl', the inner surface"
+                             + (', in place of solid' if self.solid else ', too'))
         if self.up is not None and not sum(each * each for each in self.up) > 0:
             raise ValueError('up must not be 0')
         return self

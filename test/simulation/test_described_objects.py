@@ -328,7 +328,8 @@ def test_a_wall_that_does_not_fit_is_refused(describe):
     ({**GLASS, 'colour': [1, 0, 0]}, 'absorption'),
     ({**GLASS, 'solid': True}, 'one of'),
     ({**GLASS, 'mouth': {'open': True}}, 'height z'),
-    ({'material': 'glass', 'solid': True, 'floor': 0.01}, 'floor is for hollow')])
+    ({'material': 'glass', 'mouth': {'z': 0.1}}, "mouth is .* write 'wall: .*, too$"),
+    ({'material': 'glass', 'solid': True, 'floor': 0.01}, 'floor is .* in place of solid')])
 def test_contradictions_are_refused(describe, appearance, line):
     with pytest.raises(SettingsError, match=line):
         describe(_box(), appearance)
