@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.likelihood import peaks
 from pmcl_ros.runtime.kernels import compiled, rounds
 
 
@@ -58,38 +59,31 @@ def _read(likelihood, prominence, found, portion):  # type: ignore[no-untyped-de
     """Writes place [labels], height and sharpness of each surface."""
     height, width, labels = likelihood.shape
     for y in rounds(height, portion):
-        peaks = np.empty((labels, 2), np.int64)  # first and last label of each
+        ends = np.empty((labels, 2), np.int64)
         heights = np.empty(labels, np.float32)
         for x in range(width):
             ray = likelihood[y, x]
             found[y, x] = np.nan
-            count = _distinct(ray, prominence, peaks, heights)
+            count = _prominent_peaks(ray, prominence, ends, heights)
             for surface in range(min(len(found[y, x]), count)):
                 best = np.argmax(heights[:count])
-                _describe(ray, peaks[best, 0], peaks[best, 1], found[y, x, surface])
+                _describe(ray, ends[best, 0], ends[best, 1], found[y, x, surface])
                 heights[best] = -1
 
 
 @compiled(inner=True)
-def _distinct(ray, prominence, peaks, heights):  # type: ignore[no-untyped-def]
-    """Write down the maxima that rise far enough above the valleys; returns how many there are."""
-    labels, count, first = len(ray), 0, 0
-    most = ray[0]
-    for label in range(1, labels):
-        most = max(most, ray[label])
-    while first < labels:
-        last = first
-        while last + 1 < labels and ray[last + 1] == ray[first]:
-            last += 1
-        rises = first == 0 or ray[first - 1] < ray[first]
-        falls = last == labels - 1 or ray[last + 1] < ray[last]
-        if rises and falls and ray[first] > 0:
-            valley = max(_valley(ray, first, -1), _valley(ray, last, 1))
-            if ray[first] - valley > prominence * most:
-                peaks[count, 0], peaks[count, 1], heights[count] = first, last, ray[first]
-                count += 1
-        first = last + 1
-    return count
+def _prominent_peaks(ray, prominence, ends, heights):  # type: ignore[no-untyped-def]
+    """As `peaks`, of those that rise far enough above the valleys."""
+    found, kept = peaks(ray, ends, heights), 0
+    most = np.float32(0)
+    for k in range(found):
+        most = max(most, heights[k])
+    for k in range(found):
+        first, last, height = ends[k, 0], ends[k, 1], heights[k]
+        if height - max(_valley(ray, first, -1), _valley(ray, last, 1)) > prominence * most:
+            ends[kept, 0], ends[kept, 1], heights[kept] = first, last, height
+            kept += 1
+    return kept
 
 
 @compiled(inner=True)

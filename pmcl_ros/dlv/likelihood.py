@@ -84,23 +84,24 @@ def _truncate(likelihood, maxima, neighbours, kept, portion):  # type: ignore[no
 @compiled(inner=True)
 def _truncate_row(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
     labels = likelihood.shape[1]
-    places = np.empty(labels, np.int64)
+    ends = np.empty((labels, 2), np.int64)
     heights = np.empty(labels, np.float32)
     for x in range(len(likelihood)):
         ray = likelihood[x]
-        count = _peaks(ray, places, heights)
+        count = peaks(ray, ends, heights)
         for _ in range(min(maxima, count)):
             best = np.argmax(heights[:count])
             heights[best] = -1
-            first = max(places[best] - neighbours, 0)
-            end = min(places[best] + neighbours + 1, labels)
+            middle = (ends[best, 0] + ends[best, 1]) // 2
+            first, end = max(middle - neighbours, 0), min(middle + neighbours + 1, labels)
             for label in range(first, end):
                 kept[x, label] = ray[label]
 
 
 @compiled(inner=True)
-def _peaks(ray, places, heights):  # type: ignore[no-untyped-def]
-    """Write down the local maxima above 0; returns how many there are."""
+def peaks(ray, ends, heights):  # type: ignore[no-untyped-def]
+    """Write down the local maxima above 0, and the first and last label of each; returns how many
+    there are."""
     labels, count, first = len(ray), 0, 0
     while first < labels:
         last = first
@@ -109,7 +110,7 @@ def _peaks(ray, places, heights):  # type: ignore[no-untyped-def]
         rises = first == 0 or ray[first - 1] < ray[first]
         falls = last == labels - 1 or ray[last + 1] < ray[last]
         if rises and falls and ray[first] > 0:
-            places[count], heights[count] = (first + last) // 2, ray[first]
+            ends[count, 0], ends[count, 1], heights[count] = first, last, ray[first]
             count += 1
         first = last + 1
     return count
