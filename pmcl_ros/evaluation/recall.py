@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest
 
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.geometry.pose_error import RIGHT_BOUNDS
 
-BOUNDS = ((20.0, 10.0), (10.0, 10.0), (5.0, 5.0))  # mm, degrees
+BOUNDS = (RIGHT_BOUNDS, (10.0, 10.0), (5.0, 5.0))  # mm, degrees
 LADDER = tuple(range(2, 21, 2))  # mm: BOP's of 2024 for MSSD
 _PARTS = np.arange(1, 11) / 20  # of the diameter: BOP's for MSSD
 _PIXELS = np.arange(5, 51, 5)  # px in views 640 px wide: BOP's for MSPD
@@ -68,7 +69,7 @@ def within(trials: Sequence[Trial], mm: float, degrees: float) -> float:
 
 
 def _within(trials: Sequence[Trial], mm: float, degrees: float) -> NDArray[np.bool_]:
-    return (found(trials, 'translation_mm') <= mm) & (found(trials, 'axis_deg') <= degrees)
+    return (found(trials, 'translation_mm') < mm) & (found(trials, 'axis_deg') < degrees)
 
 
 def success(trials: Sequence[Trial], mm: float, dots: ArrayLike, forgiving: bool
@@ -82,7 +83,7 @@ def success(trials: Sequence[Trial], mm: float, dots: ArrayLike, forgiving: bool
     dot = values(there, 'dot')
     if forgiving:
         dot = np.where(values(there, 'symmetric') > 0, np.abs(dot), dot)
-    near = found(trials, 'translation_mm') <= mm
+    near = found(trials, 'translation_mm') < mm
     return np.array([share(near & (dot >= bound)) for bound in np.ravel(dots)])
 
 
@@ -119,6 +120,6 @@ def coverage(trials: Sequence[Trial], level: float) -> float:
 
 
 def in_time(trials: Sequence[Trial], seconds: ArrayLike) -> NDArray[np.float64]:
-    """(k,) the share found within 10 mm and 10 degrees `seconds` (k,) after the evidence."""
-    taken = np.where(_within(trials, 10, 10), values(present(trials), 'seconds'), np.inf)
+    """(k,) the share found within the second of `BOUNDS`, `seconds` (k,) after the evidence."""
+    taken = np.where(_within(trials, *BOUNDS[1]), values(present(trials), 'seconds'), np.inf)
     return cumulative(taken, seconds)

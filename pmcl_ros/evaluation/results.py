@@ -249,7 +249,9 @@ def coverage_picture(rows: dict[str, list[Trial]]) -> Picture:
 def time_picture(rows: dict[str, list[Trial]], variants: Sequence[Variant]) -> Picture:
     """The share found over time; of each swept parameter, the share found over its cost."""
     longest = max(1e-3, *(float(values(each, 'seconds').max()) for each in rows.values()))
-    charts = [Chart('found within 1 cm, 10 degrees', 'seconds from the evidence', '%', [
+    mm, degrees = BOUNDS[1]
+    title = f'found within {mm / 10:g} cm, {degrees:g} degrees'
+    charts = [Chart(title, 'seconds from the evidence', '%', [
         Line(mode, _STEPS * longest, 100 * in_time(each, _STEPS * longest), colour)
         for colour, (mode, each) in enumerate(rows.items())], (0, longest))]
     for group in dict.fromkeys(each.group for each in variants if each.group):

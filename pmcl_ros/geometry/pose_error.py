@@ -13,6 +13,7 @@ from pmcl_ros.geometry.symmetry import Symmetry
 
 # A pose with smaller errors is right in all studies: a gripper still takes the object there.
 RIGHT_DISTANCE, RIGHT_ANGLE = 0.02, np.deg2rad(10)  # m, rad
+RIGHT_BOUNDS = 1e3 * RIGHT_DISTANCE, float(np.rad2deg(RIGHT_ANGLE))  # mm, degrees
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class PoseError:
 
 
 def is_right(translation: float, rotation: float) -> bool:
-    """Whether errors [m], [rad] are below 2 cm and 10 degrees."""
+    """Whether errors [m], [rad] are below `RIGHT_DISTANCE` and `RIGHT_ANGLE`."""
     return translation < RIGHT_DISTANCE and rotation < RIGHT_ANGLE
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pmcl_ros.geometry.pose_error import RIGHT_ANGLE, RIGHT_DISTANCE
+from pmcl_ros.geometry.pose_error import is_right
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_json
 
@@ -64,9 +64,9 @@ class Trial(Settings):
 
     @property
     def wrong_grips(self) -> int:
-        """How often it grasped at a pose that is not right (`RIGHT_DISTANCE`, `RIGHT_ANGLE`)."""
-        return sum(each.off is not None and (each.off[0] > 1e3 * RIGHT_DISTANCE
-                                             or each.off[1] > np.rad2deg(RIGHT_ANGLE))
+        """How often it grasped at a pose that is not right (`is_right`)."""
+        return sum(each.off is not None
+                   and not is_right(1e-3 * each.off[0], np.deg2rad(each.off[1]))
                    for each in self.grips)
 
     @property

@@ -11,6 +11,7 @@ from pmcl_ros.drawing.view_overlay import outlines_in_view
 from pmcl_ros.evaluation.recall import median, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.geometry.pose_error import RIGHT_BOUNDS
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
@@ -158,9 +159,10 @@ def summary(scenes: Sequence[Together]) -> str:
 def _ranks(name: str, trials: Sequence[Trial]) -> str:
     near = [each for each in trials if each.near]
     found, lost, elsewhere = (_share([rank(each) == k for each in trials]) for k in (2, 1, 0))
-    return (f'{name}: found {found}, lost {lost}, elsewhere {elsewhere}; within 2 cm and 10 '
-            f'degrees, lost or not, {_share([each.near for each in trials])}, their median error '
-            f'{median(near, "translation_mm"):.1f} mm')
+    mm, degrees = RIGHT_BOUNDS
+    return (f'{name}: found {found}, lost {lost}, elsewhere {elsewhere}; within {mm / 10:g} cm '
+            f'and {degrees:g} degrees, lost or not, {_share([each.near for each in trials])}, '
+            f'their median error {median(near, "translation_mm"):.1f} mm')
 
 
 def _cells(scene: Together) -> list[str]:
