@@ -81,11 +81,6 @@ def pose_with_covariance_from(message: PoseWithCovarianceStamped,
     return header_from(message.header), pose, covariance
 
 
-def particles_from(message: PoseArray) -> tuple[Header, NDArray[np.float64]]:
-    """Header and poses (n, 4, 4)."""
-    return header_from(message.header), poses_from(message.poses, 'particles')
-
-
 def pose_to_message(pose: NDArray[np.float64]) -> Pose:
     """Of a pose (4, 4) [m]."""
     return poses_to_messages(pose[None])[0]

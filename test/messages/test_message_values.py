@@ -11,7 +11,6 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseArray
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
@@ -36,9 +35,9 @@ from pmcl_ros.messages.light_field import light_field_from, light_field_to_messa
 from pmcl_ros.messages.marker import mesh_to_marker, place_markers, region_to_marker
 from pmcl_ros.messages.pose import (
     estimate_to_messages,
-    particles_from,
     pose_from,
     pose_with_covariance_from,
+    poses_from,
 )
 from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from, raw_frame_to_messages
 from pmcl_ros.messages.types import Buffer
@@ -272,14 +271,14 @@ def test_estimate_round_trip(estimate):
         np.testing.assert_allclose(found, estimate.pose, atol=1e-12)
     np.testing.assert_array_equal(pose_with_covariance_from(with_covariance)[2],
                                   estimate.covariance)
-    header, found = particles_from(particles)
-    assert header == HEADER
-    np.testing.assert_allclose(found, estimate.particles, atol=1e-12)
+    assert header_from(particles.header) == HEADER
+    np.testing.assert_allclose(poses_from(particles.poses, 'particles'), estimate.particles,
+                               atol=1e-12)
 
 
 def test_no_particles_round_trip(estimate):
     none = replace(estimate, particles=np.zeros((0, 4, 4)), log_weights=np.zeros(0))
-    assert particles_from(estimate_to_messages(none).particles)[1].shape == (0, 4, 4)
+    assert poses_from(estimate_to_messages(none).particles.poses, 'particles').shape == (0, 4, 4)
 
 
 def test_a_buffer_is_reused_and_grows_with_its_message(volume):
@@ -546,7 +545,7 @@ def test_broken_poses_are_refused(estimate):
         pose_from(messages.pose)
     messages.particles.poses[3].position.x = float('nan')
     with pytest.raises(MessageError, match='not finite'):
-        particles_from(messages.particles)
+        poses_from(messages.particles.poses, 'particles')
     messages.with_covariance.pose.covariance[1] = 1e9
     with pytest.raises(MessageError, match='symmetric'):
         pose_with_covariance_from(messages.with_covariance)
@@ -567,4 +566,3 @@ def test_empty_messages_are_refused():
                           (depth_from, Image())):
         with pytest.raises(MessageError):
             read(message)
-    assert particles_from(PoseArray())[1].shape == (0, 4, 4)

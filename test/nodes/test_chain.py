@@ -20,7 +20,7 @@ from pmcl_ros.messages.camera_info import pinhole_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
-from pmcl_ros.messages.pose import particles_from, pose_from, pose_with_covariance_from
+from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
 from pmcl_ros.messages.volume import (
     edges_from,
     map_from,
@@ -189,7 +189,7 @@ def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, bag_parameter
     _, again, covariance = pose_with_covariance_from(spreads[0])
     np.testing.assert_array_equal(again, pose)
     assert (np.diag(covariance) > 0).all()
-    assert len(particles_from(particles[0])[1]) > 10
+    assert len(particles[0].poses) > 10
     assert header_from(overlays[0].header) == header
     assert len(poses) == len(overlays) == 1
 

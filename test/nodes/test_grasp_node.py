@@ -20,7 +20,7 @@ from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.header import header_from, header_to_message
-from pmcl_ros.messages.pose import particles_from, pose_from, pose_to_message
+from pmcl_ros.messages.pose import pose_from, pose_to_message, poses_from
 from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
@@ -127,7 +127,7 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     model, gripper, grasps = GraspFile.read(FILE)
     expected = Ranker(model, gripper, grasps, SETTINGS).rank(
         GLASS, rotate_covariance(SPREAD, CAMERA[:3, :3])).candidates
-    poses = particles_from(found['grasps'])[1]
+    poses = poses_from(found['grasps'].poses, 'grasps')
     assert len(poses) == len(expected) > 10
     parent = np.stack([each.pose for each in expected]) @ gripper.parent_pose
     details = np.reshape(found['grasps/details'].data, (-1, 4))
@@ -144,14 +144,14 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     # a pose in the base frame, as of posed views, needs no arm: the same grasps
     planner.both.publish(with_covariance(GLASS, rotate_covariance(SPREAD, CAMERA[:3, :3]),
                                          STAMP + 2 * SECOND, 'base_link'))
-    again = particles_from(planner.grasps(STAMP + 2 * SECOND)['grasps'])[1]
+    again = poses_from(planner.grasps(STAMP + 2 * SECOND)['grasps'].poses, 'grasps')
     np.testing.assert_allclose(again[0], poses[0], atol=1e-6)
     assert len(again) == len(poses)
     # the fingers are where they touch the glass: the axis passes between them
     fingers = poses[0] @ transform(gripper.parent_to_grasp)
     seen = inverse(fingers) @ GLASS
     assert abs(seen[1, 3]) < 1e-6
-    before = particles_from(found['pre_grasps'])[1]
+    before = poses_from(found['pre_grasps'].poses, 'pre_grasps')
     np.testing.assert_allclose(poses[:, :3, 3] - before[:, :3, 3], 0.1 * poses[:, :3, 0],
                                atol=1e-9)
     assert found['pre_grasp'].pose == found['pre_grasps'].poses[0]
