@@ -77,7 +77,7 @@ class GraspNode(StageNode):
         self._reported: int | None = None  # the capture of the localizer's last report
         self._last_report: tuple[str, str, str] | None = None
         self._worker.resume()
-        self.active.callback(self._take_markers_away)
+        self.active.callback(self.publish_last, self._markers, no_markers())
         self.active.callback(self._stop)
         self._arm.start()
         topics = [
@@ -242,10 +242,6 @@ class GraspNode(StageNode):
         if self._markers.get_subscription_count():
             self._markers.publish(grippers_to_markers(header, ranking.candidates, self._gripper,
                                                       self._settings.approach))
-
-    def _take_markers_away(self) -> None:
-        if self.context.ok():  # else ROS has been shut down around the node
-            self._markers.publish(no_markers())
 
 
 def _name_in(topics: list[str]) -> str:

@@ -137,7 +137,7 @@ class PmclNode(StageNode):
         self._searches = 0
         self._forget()
         self._worker.resume()
-        self.active.callback(self._take_markers_away)
+        self.active.callback(self.publish_last, self._markers, no_markers())
         self.active.callback(self._stop)
         if self._camera_poses is not None:
             self._camera_poses.start()
@@ -335,10 +335,6 @@ class PmclNode(StageNode):
             self._marker = self._marker or mesh_to_marker(self._model)
             self._markers.publish(place_markers(self._marker, self._box, estimate))
         self.publish_diagnostics()
-
-    def _take_markers_away(self) -> None:
-        if self.context.ok():  # else ROS has been shut down around the node
-            self._markers.publish(no_markers())
 
 
 def _region(settings: PmclNodeSettings) -> Box:

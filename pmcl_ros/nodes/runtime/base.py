@@ -193,6 +193,11 @@ class StageNode(LifecycleNode):
                 self._next_failure = now + _PERIOD
                 self.publish_diagnostics()
 
+    def publish_last(self, publisher: LifecyclePublisher, message: object) -> None:
+        """Publish when the node leaves active, unless ROS has been shut down around it."""
+        if self.context.ok():
+            publisher.publish(message)
+
     def done(self, latency: float, message: str) -> None:
         """Count and log a result that was published `latency` seconds after its input came."""
         self.health.done(latency, message)
