@@ -77,25 +77,20 @@ def row_likelihood(differences, base, likelihood):  # type: ignore[no-untyped-de
 
 @compiled(parallel=True)
 def _truncate(likelihood, maxima, neighbours, kept, portion):  # type: ignore[no-untyped-def]
-    for y in rounds(len(likelihood), portion):
-        _truncate_row(likelihood[y], maxima, neighbours, kept[y])
-
-
-@compiled(inner=True)
-def _truncate_row(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
-    labels = likelihood.shape[1]
-    ends = np.empty((labels, 2), np.int64)
-    heights = np.empty(labels, np.float32)
-    for x in range(len(likelihood)):
-        ray = likelihood[x]
-        count = peaks(ray, ends, heights)
-        for _ in range(min(maxima, count)):
-            best = np.argmax(heights[:count])
-            heights[best] = -1
-            middle = (ends[best, 0] + ends[best, 1]) // 2
-            first, end = max(middle - neighbours, 0), min(middle + neighbours + 1, labels)
-            for label in range(first, end):
-                kept[x, label] = ray[label]
+    height, width, labels = likelihood.shape
+    for y in rounds(height, portion):
+        ends = np.empty((labels, 2), np.int64)
+        heights = np.empty(labels, np.float32)
+        for x in range(width):
+            ray = likelihood[y, x]
+            count = peaks(ray, ends, heights)
+            for _ in range(min(maxima, count)):
+                best = np.argmax(heights[:count])
+                heights[best] = -1
+                middle = (ends[best, 0] + ends[best, 1]) // 2
+                first, end = max(middle - neighbours, 0), min(middle + neighbours + 1, labels)
+                for label in range(first, end):
+                    kept[y, x, label] = ray[label]
 
 
 @compiled(inner=True)

@@ -77,7 +77,8 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     """
     grid = light_field.grid
     lattice = PixelGrid.from_crop(grid.pinhole, settings.crop, settings.stride)
-    views = _with_centre(StereoPairs.from_grid(grid, settings.views))
+    others = StereoPairs.from_grid(grid, settings.views).indices
+    views = StereoPairs(grid, np.vstack([others, [grid.centre]]))
     places = views.positions * [1, grid.pinhole.fy / grid.pinhole.fx]
     light = grid.weights[tuple(views.indices.T)].astype(float)
     moments = ViewMoments.from_places(places, light)
@@ -132,10 +133,6 @@ def _independent(rest: NDArray[np.float32], values: int) -> float:
     low, middle, high = np.percentile(np.cbrt(rest), [25, 50, 75])
     spread = (high - low) / (1.349 * max(middle, 1e-12))
     return float(np.clip(1 / (9 * max(spread, 1e-3) ** 2), 3, values * _INDEPENDENT))
-
-
-def _with_centre(pairs: StereoPairs) -> StereoPairs:
-    return StereoPairs(pairs.grid, np.vstack([pairs.indices, [pairs.grid.centre]]))
 
 
 def _seen(lattice: PixelGrid, shifts: NDArray[np.float64], margin: int) -> NDArray[np.bool_]:

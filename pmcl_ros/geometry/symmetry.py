@@ -30,10 +30,6 @@ _UP = _OBLIQUE.apply([0.0, -1.0, 0.0])
 _UPRIGHT = _OBLIQUE.as_matrix() @ np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 
 
-def _identity() -> NDArray[np.float64]:
-    return np.eye(4)[None]
-
-
 @dataclass(frozen=True, eq=False)
 class Symmetry:
     """The symmetry group of an object; by default the object has none.
@@ -47,7 +43,7 @@ class Symmetry:
     """
 
     axis: NDArray[np.float64] | None = None
-    discrete: NDArray[np.float64] = field(default_factory=_identity)
+    discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
     @property
     def rotations_in_place(self) -> NDArray[np.float64]:

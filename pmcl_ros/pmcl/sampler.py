@@ -94,8 +94,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     middles = np.stack([each.pose for each in start])[own]
     poses = _displaced(start, middles, own, normal)
 
-    def mixture(each: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _mixture(start, each)
+    def mixture(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(logsumexp([each.log_density(poses) for each in start], axis=0))
 
     size = 1.2 / normal.shape[1] ** 0.5
     bridges = list(pairwise([mixture, *densities]))
@@ -150,10 +150,6 @@ def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArr
     for k, each in enumerate(start):
         deviations[own == k] = each.deviations(normal[own == k])
     return retract(poses, deviations)
-
-
-def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(logsumexp([each.log_density(poses) for each in start], axis=0))
 
 
 def _ratio(values: NDArray[np.float64], densities: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -104,20 +104,15 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
                 entry |= {'group': 'arm', 'common': plan.common}
         entries.append(entry)
     room = in_room(scene, np.eye(4))
-    targets = tuple(replace(
-        each, pose=room @ each.pose,
-        roi_center=_triple(room[:3, :3] @ each.roi_center)) for each in scene.targets)
+    targets = tuple(replace(each, pose=room @ each.pose,
+                            roi_center=tuple((room[:3, :3] @ each.roi_center).tolist()))
+                    for each in scene.targets)
     with Results(folder, _COMMAND, force) as out:
         for entry, picture in zip(entries, shown, strict=True):
             write_png(out.path(entry['file']), picture)
         _write_views(out, camera, entries, 'room')
         _write_targets(out, replace(scene, targets=targets), seed, 'object_to_reference', {
             'cameras_to_reference': in_room(scene, cameras).tolist()})
-
-
-def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dict[str, Any]],

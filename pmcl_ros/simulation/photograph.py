@@ -25,7 +25,8 @@ def photograph(rng: np.random.Generator, light: Light, off_axis: Light) -> NDArr
         picture = picture * (1 - np.float32(rng.uniform(0, 0.6)) * off_axis[..., None] ** 2)
     grey = rng.random() < 0.15
     if grey:
-        picture = picture @ _simplex(rng)
+        weights = rng.dirichlet([3, 6, 2])  # of red, green, blue
+        picture = picture @ weights[:, None].astype(np.float32)
     balance = np.exp(rng.normal(0, 0.35, 1 if grey else 3)).clip(0.4, 2.2)
     raw = _noisy(rng, np.asarray(picture / balance, np.float32))
     if not grey and rng.random() < 0.6:
@@ -80,11 +81,6 @@ def _line(length: float, turn: float) -> NDArray[np.float32]:
     across = side * np.sin(turn) - side[:, None] * np.cos(turn)
     kernel = np.clip(length / 2 + 0.5 - abs(along), 0, 1) * np.clip(1 - abs(across), 0, 1)
     return np.asarray(kernel / kernel.sum(), np.float32)
-
-
-def _simplex(rng: np.random.Generator) -> NDArray[np.float32]:
-    """(3, 1) weights of red, green, blue in grey."""
-    return np.asarray(rng.dirichlet([3, 6, 2])[:, None], np.float32)
 
 
 def _noisy(rng: np.random.Generator, light: Light) -> Light:

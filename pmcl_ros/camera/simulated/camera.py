@@ -60,7 +60,7 @@ class SimulatedCamera:
         self._loads: dict[int, Callable[[bytes], Callable[[], bytes] | None]] = {
             Command.LOAD_HARDWARE_INFO: lambda _: self._hardware_info,
             Command.LOAD_FILE: lambda path: self.card.file(_text(path)),
-            Command.LOAD_PICTURE_LIST: lambda _: self._picture_list,
+            Command.LOAD_PICTURE_LIST: lambda _: lambda: encode_picture_list(self.card.records),
             Command.LOAD_PICTURE: self._load_picture,
             Command.LOAD_CALIBRATION: lambda _: self.card.calibration,
         }
@@ -143,9 +143,6 @@ class SimulatedCamera:
 
     def _hardware_info(self) -> bytes:
         return HardwareInfo('Lytro, Inc.', self.card.serial, 'simulated', _SOFTWARE).encode()
-
-    def _picture_list(self) -> bytes:
-        return encode_picture_list(self.card.records)
 
     def _load_picture(self, payload: bytes) -> Callable[[], bytes] | None:
         text = _text(payload)

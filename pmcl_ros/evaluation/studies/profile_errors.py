@@ -92,7 +92,8 @@ def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
     try:
         boxes = {k: _drawn(rng, views[k], alone.targets[0]) for k in (0, len(views) - 1)}
         found = measured(views, boxes, alone.world_from_camera[2],
-                         _by_ruler(rng, model) if of.with_height else None)
+                         float(np.ptp(_true(model)[:, 1]) + rng.normal(0, _RULER))
+                         if of.with_height else None)
     except ProfileError:
         pass
     by_cad = _localised(seed, others, other, model) if of.with_cad else None
@@ -184,11 +185,6 @@ def _drawn(rng: np.random.Generator, view: PosedView, target: Target) -> Box:
     left, top, right, bottom = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]) + (
         rng.normal(0, _BOX, 4))
     return float(left), float(top), float(right - left), float(bottom - top)
-
-
-def _by_ruler(rng: np.random.Generator, model: ObjectModel) -> float:
-    """The height of a vessel, as somebody measures it [m]."""
-    return float(np.ptp(_true(model)[:, 1]) + rng.normal(0, _RULER))
 
 
 def _localised(seed: int, views: PosedViews, scene: Scene, model: ObjectModel) -> Trial:

@@ -84,7 +84,8 @@ class Trainer:
         self._adam = keras.optimizers.Adam(self.plan.rate, global_clipnorm=_CLIPPED)
         self._adam.build(self.network.trainable_variables)
         self._step = tf.function(self._step_eagerly)
-        self._losses = tf.function(self._losses_eagerly)
+        self._losses = tf.function(
+            lambda picture, *labels: losses(self.network(picture, training=False), *labels))
 
     def state(self, step: int) -> State:
         """The values now."""
@@ -130,9 +131,6 @@ class Trainer:
         variables = self.network.trainable_variables
         self._adam.apply_gradients(zip(tape.gradient(lowered, variables), variables, strict=True))
         return both
-
-    def _losses_eagerly(self, picture: tf.Tensor, *labels: tf.Tensor) -> tuple[tf.Tensor, ...]:
-        return losses(self.network(picture, training=False), *labels)
 
 
 def _tensors(batch: Batch) -> tuple[tf.Tensor, ...]:

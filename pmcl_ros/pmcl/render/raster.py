@@ -119,7 +119,8 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
         least = min(least, inverse[i])
         left, right = min(left, int64(corners[0, i])), max(right, int64(corners[0, i]))
         top, bottom = min(top, int64(corners[1, i])), max(bottom, int64(corners[1, i]))
-    guard = _guard(width, height)
+    # How far outside the window corners may be [1/256 px].
+    guard = 128 * (_EXTENT - max(width, height))
     whole = (least > 0 and min(left, top) > -guard and right < 256 * width + guard
              and bottom < 256 * height + guard)
     if whole:
@@ -158,12 +159,6 @@ def _first(corner):  # type: ignore[no-untyped-def]
 @compiled(inner=True)
 def _last(corner):  # type: ignore[no-untyped-def]
     return (corner - _HALF) >> 8
-
-
-@compiled(inner=True)
-def _guard(width, height):  # type: ignore[no-untyped-def]
-    """How far outside the window corners may be [1/256 px]."""
-    return 128 * (_EXTENT - max(width, height))
 
 
 @compiled(inner=True)
