@@ -15,7 +15,7 @@ _FOLDS = 9, 8, 7, 6, 5, 4, 3, 2  # parts of a full turn: a prism of more sides i
 _ALL = 9 * 8 * 7 * 5  # a fold of which all of them are divisors
 _APART = 0.04  # rad: what is found nearer to a known rotation is that, less exactly
 _LEAST = 0.4  # rad: turns of a prism of 15 sides, the last that is told not to be quite round
-_SAME = 0.9998  # cosine: of directions 1 degree apart, one is tried
+_ONE_LINE = 0.9998  # cosine: of directions 1 degree apart, one is tried
 _FAR = 0.98  # share of the largest distance from the middle: vertices that are corners
 _CORNERS, _NORMALS = 8, 20  # directions of each kind that are tried
 _MANY = 500  # vertices and faces among which these are looked for
@@ -99,15 +99,15 @@ def _candidates(mesh: trimesh.Trimesh, middle: NDArray[np.float64],
     distances = np.linalg.norm(away, axis=1)
     farthest = np.argsort(-distances, kind='stable')[:_MANY]
     farthest = farthest[distances[farthest] > _FAR * distances.max()]
-    corners = _distinct(away[farthest])[:_CORNERS]
+    corners = _unique_lines(away[farthest])[:_CORNERS]
     first, second = np.triu_indices(len(corners), 1)
     between = np.concatenate([corners[first] + corners[second], corners[first] - corners[second]])
     largest = np.argsort(-mesh.area_faces, kind='stable')[:_MANY]
-    normals = _distinct(np.asarray(mesh.face_normals, np.float64)[largest])[:_NORMALS]
-    return _distinct(np.concatenate([principal, corners, normals, between]))
+    normals = _unique_lines(np.asarray(mesh.face_normals, np.float64)[largest])[:_NORMALS]
+    return _unique_lines(np.concatenate([principal, corners, normals, between]))
 
 
-def _distinct(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unique_lines(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m, 3) unit vectors of (n, 3), the first of those that are along one line."""
     lengths = np.linalg.norm(directions, axis=1)
     units = directions[lengths > 0] / lengths[lengths > 0, None]
@@ -115,5 +115,5 @@ def _distinct(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     while free.any():
         each = units[int(free.argmax())]
         kept.append(each)
-        free &= np.abs(units @ each) < _SAME
+        free &= np.abs(units @ each) < _ONE_LINE
     return np.array(kept).reshape(-1, 3)

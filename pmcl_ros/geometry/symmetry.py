@@ -20,7 +20,7 @@ from pmcl_ros.runtime.errors import ObjectModelError
 FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over the full turn
 
 _MOST = 128  # elements of a group: the icosahedron's has 60
-_SAME, _APART = 0.005, 0.04  # rad: closer rotations differ by rounding; elements are farther apart
+_ROUNDED, _APART = 0.005, 0.04  # rad: closer rotations differ by rounding; elements are farther
 _FAR = 1e9  # of units of a mesh: nothing is
 _RIGID = 1e-3  # tolerance of a rotation matrix's orthonormality
 # Upright and facing the camera, but oblique: no common pose (standing, lying) is then half way
@@ -268,7 +268,7 @@ def symmetry_group(given: Sequence[Sequence[float]], axis: NDArray[np.float64] |
         for motion in motions:
             product = element @ motion
             apart = rotation_angle(np.stack(group), product)
-            if apart.min() < _SAME:
+            if apart.min() < _ROUNDED:
                 _check_shift(group[int(apart.argmin())], product, reach, name)
                 continue
             group.append(product)

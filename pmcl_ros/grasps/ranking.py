@@ -109,7 +109,7 @@ class Ranker:
         grasp, turn = np.nonzero(good)
         # Rounded, in a stable order: noise must not decide between equal grasps.
         order = np.argsort(-np.round((probability * comfort)[good], 9), kind='stable')
-        order = order[_distinct(poses[grasp, turn][order])]
+        order = order[_unique(poses[grasp, turn][order])]
         return Ranking(tuple(
             Candidate(self._grasps[g], _upright(poses[g, t], outwards[g, t]),
                       float(probability[g, t]), float(comfort[g, t]))
@@ -190,7 +190,7 @@ def _aligning(grasp: NDArray[np.float64], axis: NDArray[np.float64],
     return float(np.arctan2(np.cross(axis, across) @ ahead, across @ ahead))
 
 
-def _distinct(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+def _unique(poses: NDArray[np.float64]) -> NDArray[np.intp]:
     """Numbers of the first of equal poses (n, 4, 4), by symmetries and what a file lists.
 
     Half a turn about x changes nothing (`_upright`), nor does the sign of y.

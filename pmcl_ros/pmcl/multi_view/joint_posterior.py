@@ -28,7 +28,7 @@ from pmcl_ros.pmcl.tracking.local_search import log_volume, product
 from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12
-_SAME = 1e-6  # m, rad: between poses with one local model
+_SAME_POSE = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
 
 
@@ -69,7 +69,7 @@ class JointPosterior:
         if not sure:
             return self.contours.local_model(pose, False, known.nuisances, known.scale)
         off = self.model.symmetry.local(pose[None], known.pose)
-        if known.local is not None and np.abs(off).max() < _SAME:
+        if known.local is not None and np.abs(off).max() < _SAME_POSE:
             return known.local
         return self._sure(pose, known)
 

@@ -225,9 +225,9 @@ def _places(pinhole: Pinhole, camera: NDArray[np.float64], near: float, far: flo
     begin, end = np.full(len(rays), near), np.full(len(rays), far)
     if any(table):
         up = np.array(table[3:]) / np.linalg.norm(table[3:])
-        above, climb = (camera[:3, 3] - table[:3]) @ up, rays @ up
-        climb = np.where(climb == 0, 1e-12, climb)
-        ends = (np.array([[-_SLACK], [radius + _SLACK]]) - above) / climb
+        above, slope = (camera[:3, 3] - table[:3]) @ up, rays @ up
+        slope = np.where(slope == 0, 1e-12, slope)
+        ends = (np.array([[-_SLACK], [radius + _SLACK]]) - above) / slope
         begin, end = np.maximum(begin, ends.min(axis=0)), np.minimum(end, ends.max(axis=0))
     hit = begin <= end
     depths = np.linspace(begin[hit], end[hit], _STEPS)

@@ -160,7 +160,7 @@ class Planner:
         free = [each for each, what in zip(found, struck, strict=True) if what is None]
         if not free:
             raise MotionError(f'{_words(tool)} is blocked by {struck[0]}')
-        return _distinct(free)
+        return _suppress_duplicates(free)
 
     def _blocked(self, path: Array, belief: Belief) -> str | None:
         """What a path strikes first; its start, where the arm is, does not count."""
@@ -190,7 +190,7 @@ def _between(start: Array, goal: Array) -> Array:
     return start + (goal - start) * np.arange(count + 1)[:, None] / count
 
 
-def _distinct(postures: list[Array]) -> list[Array]:
+def _suppress_duplicates(postures: list[Array]) -> list[Array]:
     """Without those that are like an earlier one."""
     kept: list[Array] = []
     for each in postures:

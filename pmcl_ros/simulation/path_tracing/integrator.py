@@ -55,8 +55,8 @@ def _follower() -> Any:
             lamp, brought = scene.sample_emitter_direction(hit, sampler.next_2d(), True,
                                                            takes_light)
             takes_light &= lamp.pdf > 0
-            value, chance = material.eval_pdf(context, hit, hit.to_local(lamp.d), takes_light)
-            share = lamp.pdf * lamp.pdf / (lamp.pdf * lamp.pdf + chance * chance)
+            value, pdf = material.eval_pdf(context, hit, hit.to_local(lamp.d), takes_light)
+            share = lamp.pdf * lamp.pdf / (lamp.pdf * lamp.pdf + pdf * pdf)
             light += dr.select(takes_light, weight * share * value * brought, 0)
             out, value = material.sample(context, hit, sampler.next_1d(), sampler.next_2d(),
                                          active)
