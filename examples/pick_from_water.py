@@ -165,10 +165,10 @@ class PickFromWater(Node):
 
     # picking
 
-    def pick(self, thing, pairs):
+    def pick(self, pose, pairs):
         """Whether it stands on the tray, or is lifted; GivenUp where there is no way."""
         for before, there in pairs:
-            places = [] if self.options.lift_only else self.places(thing, there)
+            places = [] if self.options.lift_only else self.places(pose, there)
             if not (places or (self.options.lift_only and self.lifted(there))):
                 continue
             if not self.robot.move(WRIST, before):
@@ -198,7 +198,7 @@ class PickFromWater(Node):
             goal[0, 3] -= nearer
         return [goal for goal in goals if self.robot.plan(WRIST, goal)]
 
-    def places(self, thing, wrist):
+    def places(self, pose, wrist):
         """Poses of WRIST that put the object upright on the tray and that the arm reaches."""
         there = []
         for spin in SPINS:
@@ -207,7 +207,7 @@ class PickFromWater(Node):
             upright[:2, :2] = [[c, -s], [s, c]]
             upright[:3, 3] = self.options.tray
             upright[2, 3] += self.options.gap - self.options.bottom
-            goal = upright @ np.linalg.inv(thing) @ wrist
+            goal = upright @ np.linalg.inv(pose) @ wrist
             if self.robot.plan(WRIST, raised(goal, 0.05)):
                 there.append(goal)
             if len(there) == 3:

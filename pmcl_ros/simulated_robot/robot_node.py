@@ -94,7 +94,7 @@ class SimulatedRobot(Node):
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
         if header.frame_id == BASE and not self._gripped:
-            self._believed, self._seen_at = pose, self._cell.thing[:3, 3].copy()
+            self._believed, self._seen_at = pose, self._cell.object_pose[:3, 3].copy()
             self._note(poses=(*self.trial.poses, self._error(pose)))
             if self._task.place.kind == 'tank':
                 self._physics(lambda: self._cell.wait(_SEARCH))
@@ -138,7 +138,7 @@ class SimulatedRobot(Node):
             self._note(times={'to the grasp': time.monotonic() - self._began - spent})
         told = self._believed
         moved = None if self._seen_at is None else 1e3 * float(
-            np.linalg.norm(self._cell.thing[:3, 3] - self._seen_at))
+            np.linalg.norm(self._cell.object_pose[:3, 3] - self._seen_at))
         gap = self._physics(lambda: self._cell.grip(request.data))
         self._gripped = request.data and self._cell.held
         self._carried = (inverse(self._cell.tool) @ self._believed
@@ -168,7 +168,7 @@ class SimulatedRobot(Node):
         camera = self._wrist_camera.seen_from(wrist)
         joints = read_joints(self._rng, self._cell.joints)
         told = self._wrist_camera.told(self._cell.forward(joints) @ _WRIST)
-        scene = self._look.scene(camera, self._cell.thing, self._sensor, number)
+        scene = self._look.scene(camera, self._cell.object_pose, self._sensor, number)
         name, now = f'{number:03d}.png', self._epoch + round(1e9 * self._cell.time)
         self._eye.shoot(scene, Header(now, CAMERA), self._out / name)
         self._spent['rendering'] += time.monotonic() - began
@@ -213,7 +213,7 @@ class SimulatedRobot(Node):
 
     def _error(self, pose: NDArray[np.float64]) -> tuple[float, float]:
         """Of a pose of the object [mm], [degrees]."""
-        off = pose_error(pose, self._cell.thing, self._model.symmetry)
+        off = pose_error(pose, self._cell.object_pose, self._model.symmetry)
         return 1e3 * off.translation, float(np.rad2deg(off.rotation))
 
     def _note(self, **what: object) -> None:

@@ -148,7 +148,7 @@ class Series:
         ranker = Ranker(model, gripper, grasps, GraspSettings(shoulder=_SHOULDER))
 
         def look() -> Sight:
-            return Sight(cell.thing, ranker.rank(cell.thing, _EXACT).candidates)
+            return Sight(cell.object_pose, ranker.rank(cell.object_pose, _EXACT).candidates)
 
         outcome = pick_and_place(cell, model, look)
         return Trial(seed=seed, place=self.place, stands=task.stands, by_truth=True,

@@ -16,7 +16,7 @@ FINGERS = 'left_finger', 'right_finger'
 GRIPPER = 'gripper'  # the actuator
 # Bits of contacts: robot with fixed things and the object, these two with each other, and of the
 # robot the hand with the upper arm.
-ROBOT, FIXED, THING, HAND = 1, 2, 4, 8
+ROBOT, FIXED, OBJECT, HAND = 1, 2, 4, 8
 STEP = 0.002  # s
 LIFT = 0.30  # m: of the torso
 _SHOULDER = -0.0869 + 0.1195, 0.0, 0.3774 + LIFT + 0.3486  # of the pan joint, in base_link
@@ -83,7 +83,7 @@ def fetch_arm(gripper: GripperSettings, fingers: bool = True) -> Any:
     tool = body.add_body(name=TOOL, pos=gripper.parent_to_grasp, gravcomp=1)
     boxes = gripper.boxes(0.0)
     low, high = boxes[2]
-    add_box(tool, 'palm', low, high, ROBOT | HAND, FIXED | THING).mass = 1.5
+    add_box(tool, 'palm', low, high, ROBOT | HAND, FIXED | OBJECT).mass = 1.5
     if fingers:
         _add_fingers(mj, spec, tool, boxes, gripper.opening)
     return spec
@@ -115,7 +115,7 @@ def _add_link(mj: Any, spec: Any, parent: Any, link: Joint) -> Any:
     if link.length:
         geom = body.add_geom(name=f'{link.name}_link', type=mj.mjtGeom.mjGEOM_CAPSULE,
                              size=(link.radius, 0, 0), fromto=(0, 0, 0, link.length, 0, 0),
-                             contype=ROBOT, conaffinity=FIXED | THING, mass=link.mass,
+                             contype=ROBOT, conaffinity=FIXED | OBJECT, mass=link.mass,
                              rgba=(0.3, 0.45, 0.7, 1))
         if link.name == 'shoulder_pan':  # within the torso
             geom.contype = geom.conaffinity = 0
@@ -142,7 +142,7 @@ def _add_fingers(mj: Any, spec: Any, tool: Any, boxes: NDArray[np.float64], open
         body.add_joint(name=name, type=mj.mjtJoint.mjJNT_SLIDE, axis=(0, side, 0),
                        limited=mj.mjtLimited.mjLIMITED_TRUE, range=(0, opening / 2),
                        armature=0.5, damping=20)
-        geom = add_box(body, name, low, high, ROBOT, FIXED | THING)
+        geom = add_box(body, name, low, high, ROBOT, FIXED | OBJECT)
         geom.mass, geom.friction, geom.condim, geom.priority = 0.1, _PAD, 4, 1
         # Else the pads would sink into a light object by millimetres.
         geom.solref[:2], geom.solimp[:2] = (2 * STEP, 1), (0.95, 0.99)

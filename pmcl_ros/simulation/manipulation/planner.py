@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import interpolate, rotation_angle
 from pmcl_ros.grasps.settings import GripperSettings
-from pmcl_ros.simulation.manipulation.fetch_arm import ARM, FIXED, THING
+from pmcl_ros.simulation.manipulation.fetch_arm import ARM, FIXED, OBJECT
 from pmcl_ros.simulation.manipulation.inverse_kinematics import InverseKinematics, limits
 from pmcl_ros.simulation.manipulation.physics import MotionError, mujoco
 from pmcl_ros.simulation.manipulation.roadmap import connect
@@ -58,12 +58,12 @@ class Planner:
 
     def __init__(self, spec: Any, gripper: GripperSettings) -> None:
         for geom in spec.geoms:  # before it is compiled: bodies take their margins from these
-            geom.margin = ROOM if geom.contype == THING else _CLEAR
+            geom.margin = ROOM if geom.contype == OBJECT else _CLEAR
         self._model = model = spec.compile()
         self._data = mujoco().MjData(model)
         self._kinematics = InverseKinematics(gripper)
         self._fixed = model.geom_contype == FIXED
-        self._thing = model.geom_contype == THING
+        self._object = model.geom_contype == OBJECT
         self.gap = gripper.opening
 
     def forward(self, joints: Array) -> Array:
@@ -87,10 +87,10 @@ class Planner:
         if not data.ncon:
             return None
         pairs = data.contact.geom
-        thing, fixed = self._thing[pairs].any(axis=1), self._fixed[pairs].any(axis=1)
+        object_, fixed = self._object[pairs].any(axis=1), self._fixed[pairs].any(axis=1)
         # The object may touch the robot that carries it, or else what it is on.
-        matters = ~thing | (fixed if belief.carried is not None else ~fixed)
-        room = np.where(thing & ~fixed, belief.room, _CLEAR)
+        matters = ~object_ | (fixed if belief.carried is not None else ~fixed)
+        room = np.where(object_ & ~fixed, belief.room, _CLEAR)
         matters &= data.contact.dist < room
         if not matters.any():
             return None

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.manipulation import thing
+from pmcl_ros.simulation.manipulation import object_body
 from pmcl_ros.simulation.manipulation.buoyancy import Water
 from pmcl_ros.simulation.manipulation.fetch_arm import (
     ARM,
     FINGERS,
     FIXED,
     HOME,
+    OBJECT,
     ROBOT,
     STEP,
-    THING,
     TOOL,
     add_box,
     fetch_arm,
@@ -64,13 +64,13 @@ class Workcell:
         floats = task.place.kind == 'tank'
         heights = model.vertices[:, 2]
         low = float((1 - _LOW) * heights.min() + _LOW * heights.max()) if floats else None
-        thing.add_thing(spec, model, mass, low)
+        object_body.add_object(spec, model, mass, low)
         self._model = spec.compile()
         self._data = mujoco().MjData(self._model)
         self._planner = Planner(spec, self._gripper)
         self._water = Water(model, task.place.level, task.pose[:2, 3],
                             rng or np.random.default_rng(0)) if floats else None
-        self._thing_geoms = self._model.geom_contype == THING
+        self._object_geoms = self._model.geom_contype == OBJECT
         self._robot_geoms = (self._model.geom_contype & ROBOT).astype(bool)
         self._steps, self._has_closed = 0, False
         self.watch: Callable[[], None] | None = None
@@ -93,9 +93,9 @@ class Workcell:
         return self._pose(TOOL)
 
     @property
-    def thing(self) -> Array:
+    def object_pose(self) -> Array:
         """Where the object is."""
-        return self._pose(thing.NAME)
+        return self._pose(object_body.NAME)
 
     @property
     def joints(self) -> Array:
@@ -187,7 +187,7 @@ class Workcell:
 
         Upright as far as can be seen: one that looks the same upside down may be.
         """
-        upright = self._symmetry.equivalents(self.thing)[:, 2, 2].max() > _UPRIGHT
+        upright = self._symmetry.equivalents(self.object_pose)[:, 2, 2].max() > _UPRIGHT
         moves = np.linalg.norm(self._data.qvel[-6:-3])
         return bool(upright and moves < _STILL and self._touches('tray')
                     and not self._robot_touches().any())
@@ -195,8 +195,8 @@ class Workcell:
     @property
     def held_clear(self) -> bool:
         """The object is held, all of it clear of the water."""
-        thing = self.thing
-        lowest = (self._vertices @ thing[2, :3]).min() + thing[2, 3]
+        pose = self.object_pose
+        lowest = (self._vertices @ pose[2, :3]).min() + pose[2, 3]
         return bool(self.held and lowest > self.task.place.level + CLEAR)
 
     def _pose(self, body: str) -> Array:
@@ -206,9 +206,9 @@ class Workcell:
     def _step(self) -> None:
         data = self._data
         if self._water is not None and self._steps % _WATER_STEPS == 0:
-            body = data.body(thing.NAME)
+            body = data.body(object_body.NAME)
             data.xfrc_applied[body.id] = self._water.force(
-                self._pose(thing.NAME), body.xipos, *self._velocity(), _WATER_STEPS * STEP)
+                self._pose(object_body.NAME), body.xipos, *self._velocity(), _WATER_STEPS * STEP)
         self._steps += 1
         if self.watch is not None and self._steps % _WATCH_STEPS == 0:
             self.watch()
@@ -219,7 +219,7 @@ class Workcell:
     def _velocity(self) -> tuple[Array, Array]:
         """Of the object's centre of mass [m/s], and its spin [rad/s], in base_link."""
         both = np.empty(6)
-        body = self._data.body(thing.NAME)
+        body = self._data.body(object_body.NAME)
         mujoco().mj_objectVelocity(self._model, self._data, mujoco().mjtObj.mjOBJ_BODY, body.id,
                                    both, 0)
         return both[3:], both[:3]
@@ -235,14 +235,14 @@ class Workcell:
     def _robot_touches(self) -> NDArray[np.bool_]:
         """(contacts,) between robot and object."""
         pairs = self._data.contact.geom
-        return np.asarray(self._thing_geoms[pairs].any(axis=1)
+        return np.asarray(self._object_geoms[pairs].any(axis=1)
                           & self._robot_geoms[pairs].any(axis=1))
 
     def _touches(self, name: str) -> bool:
         """Whether the object touches a geom."""
         pairs = self._data.contact.geom
         other = self._model.geom(name).id
-        return bool((self._thing_geoms[pairs].any(axis=1) & (pairs == other).any(axis=1)).any())
+        return bool((self._object_geoms[pairs].any(axis=1) & (pairs == other).any(axis=1)).any())
 
     def _settle(self) -> None:
         """Until arm and fingers are at rest, or for a second."""

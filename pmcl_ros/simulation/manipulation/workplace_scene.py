@@ -36,12 +36,12 @@ _UPRIGHT = np.cos(np.deg2rad(2.0))  # an object that leans more does not stand
 class WorkplaceLook:
     """How one workplace looks: finishes, light and film are the same in all pictures.
 
-    seed: of all that. thing: the object. Running water has other waves in each picture, standing
+    seed: of all that. object: in it. Running water has other waves in each picture, standing
     water the same in all of them. That of a tank is without waves, and its panes are left out.
     """
 
     place: Workplace
-    thing: SceneObject
+    object: SceneObject
     seed: int
 
     def scene(self, camera: Pose, pose: Pose, sensor: Sensor, number: int) -> Scene:
@@ -58,13 +58,13 @@ class WorkplaceLook:
         make = self._sink if self.place.kind == 'sink' else self._tank
         target, solids, sheets = make(rng, waves, to_camera, pose, palette, metal)
         inside = to_camera @ pose
-        middle = inside[:3, :3] @ np.mean([self.thing.vertices.max(axis=0),
-                                           self.thing.vertices.min(axis=0)], axis=0)
+        middle = inside[:3, :3] @ np.mean([self.object.vertices.max(axis=0),
+                                           self.object.vertices.min(axis=0)], axis=0)
         x, y, z = (float(each) for each in inside[:3, 3] + middle)
-        side = float(np.ptp(self.thing.vertices, axis=0).max())
-        seen = Target(self.thing.vertices, self.thing.faces, self.thing.axis, inside, (x, y, z),
-                      (side,) * 3, False, self.thing.discrete, self.thing.appearance)
-        return Scene(f'{self.place.kind}: {self.thing.name}', (*target, *solids), tuple(sheets),
+        side = float(np.ptp(self.object.vertices, axis=0).max())
+        seen = Target(self.object.vertices, self.object.faces, self.object.axis, inside, (x, y, z),
+                      (side,) * 3, False, self.object.discrete, self.object.appearance)
+        return Scene(f'{self.place.kind}: {self.object.name}', (*target, *solids), tuple(sheets),
                      light, camera[:3, :3], sensor, (seen,),
                      (0,) * len(target) + (1,) * len(solids))
 
@@ -75,13 +75,13 @@ class WorkplaceLook:
         frame, low, high = _frame(place, to_camera, pose[:3, 3])
         sheets = basin(frame, low, high, (place.floor, place.rim), metal, palette)
         slope = float(rng.uniform(0.04, 0.15) if place.jet else rng.uniform(0.003, 0.03))
-        target = self.thing.placed(to_camera @ pose)
-        lowest = float((self.thing.vertices @ pose[2, :3]).min() + pose[2, 3])
-        stands = pose[2, :3] @ self.thing.up > _UPRIGHT
+        target = self.object.placed(to_camera @ pose)
+        lowest = float((self.object.vertices @ pose[2, :3]).min() + pose[2, 3])
+        stands = pose[2, :3] @ self.object.up > _UPRIGHT
         hole, is_wet = 0.0, lowest > place.level
-        if not is_wet and stands and can_stand_in_water(self.thing):
-            wet, hole = standing_in_water(self.thing.solids[0], place.level - pose[2, 3])
-            target = replace(self.thing, solids=(wet,)).placed(to_camera @ pose)
+        if not is_wet and stands and can_stand_in_water(self.object):
+            wet, hole = standing_in_water(self.object.solids[0], place.level - pose[2, 3])
+            target = replace(self.object, solids=(wet,)).placed(to_camera @ pose)
             is_wet = True
         solids = self._furniture(palette, rng, metal, to_camera)
         if not is_wet:
@@ -114,7 +114,7 @@ class WorkplaceLook:
                   frame.across_y((-2, 2), high[1] + 0.3, (place.floor, place.floor + 1.5),
                                  palette.texture(), 0.6)]
         solids = [water, *self._furniture(palette, rng, metal, to_camera)]
-        return self.thing.placed(to_camera @ pose), solids, sheets
+        return self.object.placed(to_camera @ pose), solids, sheets
 
     def _furniture(self, palette: Palette, rng: np.random.Generator, metal: Opaque,
                    to_camera: Pose) -> list[Solid]:

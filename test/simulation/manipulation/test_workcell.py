@@ -46,18 +46,18 @@ class Bench:
         self.cell = Workcell(self.task, self.model, mass, rng)
 
     def look(self):
-        pose = self.cell.thing
+        pose = self.cell.object_pose
         return Sight(pose, self._ranker.rank(pose, np.diag([1e-6] * 6)).candidates)
 
     def above(self, height):
         """gripper_link a height above the object's origin, pointing down."""
         goal = DOWN.copy()
-        goal[:3, 3] = self.cell.thing[:3, 3]
+        goal[:3, 3] = self.cell.object_pose[:3, 3]
         return raised(goal, height)
 
     @property
     def lowest(self):
-        pose = self.cell.thing
+        pose = self.cell.object_pose
         return (self.model.vertices @ pose[2, :3]).min() + pose[2, 3]
 
 
@@ -67,7 +67,7 @@ def test_a_glass_gets_from_the_sink_onto_the_tray(seed):
     assert bench.task.stands == (seed == STANDS)
     assert pick_and_place(bench.cell, bench.model, bench.look) == Outcome(True, True, '', 0.0)
     x, y, z = bench.task.place.tray
-    pose = bench.cell.thing
+    pose = bench.cell.object_pose
     assert pose[:2, 3] == pytest.approx([x, y], abs=0.01)
     assert bench.lowest == pytest.approx(z, abs=1e-3)
     assert pose[2, 2] > np.cos(np.radians(1))
@@ -93,7 +93,7 @@ def test_a_slip_is_tried_again_once():
             return sight
         aside = np.array([0, 0.2, 0.0])
         wrong = sight.pose.copy()
-        wrong[:3, 3] += aside if bench.cell.thing[1, 3] < 0 else -aside
+        wrong[:3, 3] += aside if bench.cell.object_pose[1, 3] < 0 else -aside
         return Sight(wrong, bench._ranker.rank(wrong, np.diag([1e-6] * 6)).candidates)
 
     assert pick_and_place(bench.cell, bench.model, first_beside).placed
@@ -103,9 +103,9 @@ def test_a_slip_is_tried_again_once():
 def test_things_rest_where_they_are():
     bench = Bench('sink', LIES)
     bench.cell.wait(0.5)  # it is drawn on its rim, and lies down
-    start = bench.cell.thing
+    start = bench.cell.object_pose
     bench.cell.wait(1.0)
-    assert bench.cell.thing[:3, 3] == pytest.approx(start[:3, 3], abs=2e-4)
+    assert bench.cell.object_pose[:3, 3] == pytest.approx(start[:3, 3], abs=2e-4)
     assert bench.cell.joints == pytest.approx(HOME, abs=1e-4)
     assert bench.cell.time == pytest.approx(1.5)
     assert not bench.cell.standing_on_tray
@@ -128,9 +128,9 @@ def test_a_bottle_floats_upright_and_drifts_slowly():
     bench.cell.wait(1.0)
     places = []
     for _ in range(5):
-        places.append(bench.cell.thing[:3, 3])
+        places.append(bench.cell.object_pose[:3, 3])
         bench.cell.wait(1.0)
-    assert bench.cell.thing[2, 2] > np.cos(np.radians(2))
+    assert bench.cell.object_pose[2, 2] > np.cos(np.radians(2))
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert 1e-4 < steps.max() < 0.011
     assert places[-1][2] == pytest.approx(bench.task.pose[2, 3], abs=0.005)
@@ -141,7 +141,7 @@ def test_the_arm_goes_where_it_is_told():
     cell, goal = bench.cell, bench.above(0.25)
     tip = np.eye(4)
     tip[:3, 3] = 0.02, 0, 0.08
-    cell.move(goal, tip=tip, avoid=cell.thing)
+    cell.move(goal, tip=tip, avoid=cell.object_pose)
     assert cell.tool @ tip == pytest.approx(goal, abs=1e-3)
     assert cell.forward(cell.joints) == pytest.approx(cell.tool, abs=1e-4)
     cell.move(raised(cell.tool, 0.05), straight=True)
@@ -159,7 +159,7 @@ def test_what_cannot_be_reached_is_refused_in_one_line():
     with pytest.raises(MotionError, match='is blocked by floor'):
         cell.move(bench.above(-0.02))
     with pytest.raises(MotionError, match='is blocked by object_0'):
-        cell.move(bench.above(0.1), avoid=cell.thing)
+        cell.move(bench.above(0.1), avoid=cell.object_pose)
     assert cell.solve(far) is None
     assert cell.solve(bench.above(0.3)) is not None
     assert cell.time == 0
@@ -169,7 +169,7 @@ def test_what_cannot_be_reached_is_refused_in_one_line():
 def test_the_arm_keeps_away_from_where_the_object_is_believed_to_be():
     bench = Bench('sink', STANDS)
     goal = bench.above(0.1)
-    believed = bench.cell.thing
+    believed = bench.cell.object_pose
     assert bench.cell.solve(goal, avoid=believed) is None
     believed[1, 3] -= np.sign(believed[1, 3]) * 0.2
     assert bench.cell.solve(goal, avoid=believed) is not None

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.manipulation.buoyancy import Water, sample_volume
-from pmcl_ros.simulation.manipulation.thing import convex_pieces, shell
+from pmcl_ros.simulation.manipulation.object_body import convex_pieces, shell
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS
 
 OBJECTS_FOLDER = Path(__file__).parents[3] / 'config' / 'objects'
@@ -17,7 +17,7 @@ G = 9.81
 
 
 def model_of(mesh):
-    return ObjectModel('thing', np.asarray(mesh.vertices), np.asarray(mesh.faces), None, True)
+    return ObjectModel('object', np.asarray(mesh.vertices), np.asarray(mesh.faces), None, True)
 
 
 @pytest.fixture(scope='module')

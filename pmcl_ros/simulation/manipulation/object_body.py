@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.manipulation.fetch_arm import FIXED, ROBOT, THING
+from pmcl_ros.simulation.manipulation.fetch_arm import FIXED, OBJECT, ROBOT
 from pmcl_ros.simulation.manipulation.physics import mujoco
 
 NAME = 'object'
@@ -17,7 +17,7 @@ _THIN = 0.003  # m: pieces are no thinner
 _SLIDES = 0.4, 0.005, 0.0003  # friction: sliding, of turns [m], rolling [m]
 
 
-def add_thing(spec: Any, model: ObjectModel, mass: float, low: float | None) -> None:
+def add_object(spec: Any, model: ObjectModel, mass: float, low: float | None) -> None:
     """A free body for the object, with the inertia of a thin shell.
 
     mass [kg]. low: height of its centre of mass in the mesh [m], None: that of the shell.
@@ -36,7 +36,7 @@ def add_thing(spec: Any, model: ObjectModel, mass: float, low: float | None) -> 
         hull = ConvexHull(points)
         mesh = spec.add_mesh(name=name, uservert=hull.points[hull.vertices].ravel())
         mesh.inertia = mj.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-        body.add_geom(name=name, type=mj.mjtGeom.mjGEOM_MESH, meshname=name, contype=THING,
+        body.add_geom(name=name, type=mj.mjtGeom.mjGEOM_MESH, meshname=name, contype=OBJECT,
                       conaffinity=ROBOT | FIXED, condim=6, friction=_SLIDES, mass=0.0,
                       rgba=(0.6, 0.85, 0.9, 0.6))
 
