@@ -67,7 +67,7 @@ def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
         written.write_text(text, encoding='utf-8')
     except OSError as error:
         raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
-    STDERR.print(run.told.describe(), markup=False, soft_wrap=True)
+    STDERR.print(run.in_reference.describe(), markup=False, soft_wrap=True)
     click.echo(out)
 
 

@@ -111,8 +111,8 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
                    height: bool, processes: int, out: Path | None, force: bool) -> None:
     """Measure generated vessels as `pmcl profile`, and find them by that in other scenes.
 
-    Prints a row for each vessel: largest and mean deviation of the profile and its standard
-    deviation that is told [mm]; the errors of its pose in three views of another scene, with the
+    Prints a row for each vessel: largest and mean deviation of the profile and its expected
+    standard deviation [mm]; the errors of its pose in three views of another scene, with the
     measured mesh and, with --cad, the true one, in brackets where it is lost.
     """
     written = None if out is None else results_in(out, force).path('profile_errors.md')
@@ -220,7 +220,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     """Look at generated scenes twice, then from where `pmcl next-view` says, and anywhere else.
 
     Prints a row for each scene: the error by two views, by these and the best candidate, and by
-    these and a random one, each ± the largest standard deviation of the position that is told, and
+    these and a random one, each ± the largest standard deviation of the position, and
     that which was expected before the view was taken [mm]. Candidates beyond the table or the
     wall are left out.
     """

@@ -32,7 +32,7 @@ def sigmas_figure(sigmas: ArrayLike) -> Figure:
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if len(known) else (1.0, 1.0)
     made = figure([[Chart('how sure the position is', 'first views', 'standard deviation [mm]',
-                          [Line('told', numbers, values)], (0.5, len(values) + 0.5),
+                          [Line('found', numbers, values)], (0.5, len(values) + 0.5),
                           (low / 1.5, 1.5 * high))]])
     axes = made.axes[0]
     axes.lines[0].set_marker('o')

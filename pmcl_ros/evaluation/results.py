@@ -32,7 +32,7 @@ Trials = Sequence[Trial]
 _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotation where there is '
          'none; signed along the line of sight, + is too far. Medians are over all trials with '
          'something to find. In recalls a lost object counts as not found, and a flipped one as '
-         'wrong. `told`: the median of the error that covariances let expect, `bound`: of '
+         'wrong. `expected`: the median of the error by the covariances, `bound`: of '
          'its Cramér-Rao bound by the evidence and the stated errors of camera poses. `of 90 %`: '
          'how many of the 90 % credible regions of claimed poses hold the truth; `of 50 %` '
          'likewise. '
@@ -109,7 +109,7 @@ def recall_table(trials: Trials) -> str:
 
     return _row_table(trials, [
         'trials', *(f'{mm / 10:g} cm, {degrees:g}°' for mm, degrees in BOUNDS), 'median error',
-        'told', *(['bound'] if bounded else []), 'median axis error', 'flipped',
+        'expected', *(['bound'] if bounded else []), 'median axis error', 'flipped',
         'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'of 90 %', 'of 50 %', 'lost',
         'lost, nothing there', 'lost, another object', 'evaluations', 'median time'], cells)
 

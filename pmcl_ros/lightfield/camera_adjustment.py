@@ -1,7 +1,7 @@
 """Camera poses that fit what the pictures show of the surroundings, by matches of features.
 
 A structureless bundle adjustment: matches must lie on each other's epipolar lines. It sees how
-cameras stand to each other but for the scale; what it does not see stays as the poses were told.
+cameras stand to each other but for the scale; what it does not see stays as reported.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.posed_view import PosedView
 
-_PRIOR = 0.002, 0.007  # m, rad: how far told poses are off, of each axis: two of a good arm's
+_PRIOR = 0.002, 0.007  # m, rad: how far reported poses are off, of each axis: two of a good arm's
 _FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fraction of a pixel
 _FEATURES = 1500  # of a picture
 _LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the size
 _RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
 _NOISE = 0.5  # px: of a match
-_GATE = 4.0  # standard deviations of told poses that a match may be off its line
-_BEHIND = 2.0  # the same, by which told rotations may put what is far away behind the cameras
+_GATE = 4.0  # standard deviations of reported poses that a match may be off its line
+_BEHIND = 2.0  # the same, by which reported rotations may put what is far away behind the cameras
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # the same
 _ITERATIONS = 15
@@ -37,7 +37,7 @@ class CameraAdjustment:
 
     cameras: (n, 4, 4) camera to reference. root: (n, 6, k) what they may still be off, as
     `CameraErrors.root`. before, after: median distance of matches from their epipolar lines with
-    the told and these poses [px], in pictures of at most `_LARGEST`. off: largest motion of a
+    the reported and these poses [px], in pictures of at most `_LARGEST`. off: largest motion of a
     camera [m], [rad].
     """
 
@@ -49,19 +49,19 @@ class CameraAdjustment:
 
     @property
     def is_needed(self) -> bool:
-        """Whether the told poses do not fit what the pictures show."""
+        """Whether the reported poses do not fit what the pictures show."""
         return self.before > _NOISE
 
 
 def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures.
 
-    None where too few matches link the views, or no poses fit them within `_NOISE`. Told poses are
-    taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
+    None where too few matches link the views, or no poses fit them within `_NOISE`. Reported poses
+    are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
     `_NOISE`, with Cauchy's tails.
     """
-    told = np.array([each.camera_to_reference for each in views])
-    matches = _Matches.between(views, told)
+    reported = np.array([each.camera_to_reference for each in views])
+    matches = _Matches.between(views, reported)
     if matches is None:
         return None
     number = len(views)
@@ -69,7 +69,7 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
 
     def moved(unit: NDArray[np.float64]) -> NDArray[np.float64]:
         off = retract(np.tile(np.eye(4), (number, 1, 1)), (sigma * unit).reshape(-1, 6))
-        return np.asarray(told @ np.linalg.inv(off))
+        return np.asarray(reported @ np.linalg.inv(off))
 
     def residuals(unit: NDArray[np.float64]) -> NDArray[np.float64]:
         return matches.distances(moved(unit)) / _NOISE
@@ -82,7 +82,8 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
         information = (jacobian.T * weight) @ jacobian + np.eye(len(unit))
         unit = unit - np.linalg.solve(information, jacobian.T @ (weight * off) + unit)
     cameras = moved(unit)
-    before, after = (float(np.median(np.abs(matches.distances(each)))) for each in (told, cameras))
+    before, after = (float(np.median(np.abs(matches.distances(each))))
+                     for each in (reported, cameras))
     if after > _NOISE:
         return None
     covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
@@ -107,16 +108,17 @@ class _Matches:
     focal: NDArray[np.float64]
 
     @classmethod
-    def between(cls, views: Sequence[PosedView], told: NDArray[np.float64]) -> '_Matches | None':
+    def between(cls, views: Sequence[PosedView], reported: NDArray[np.float64]
+                ) -> '_Matches | None':
         """None where the matches do not link all views."""
         reduced = [_reduced(each) for each in views]
         features = [_features(*each) for each in reduced]
         linked = np.arange(len(views))
         parts: list[tuple[int, int, NDArray[np.float64], float]] = []
-        for one, other in _neighbours(told):
+        for one, other in _neighbours(reported):
             length = float(np.mean([reduced[each][1].fx for each in (one, other)]))
             matched = _consistent(_matched(features[one], features[other]), length,
-                                  told[[one, other]])
+                                  reported[[one, other]])
             if len(matched) >= _FEWEST:
                 parts.append((one, other, matched, length))
                 linked[linked == linked[other]] = linked[one]
@@ -160,10 +162,10 @@ def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray
     return np.where(ahead < 0, -angle, angle)
 
 
-def _neighbours(told: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _neighbours(reported: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Pairs of views: each with those whose axes are nearest to its own."""
-    near = np.argsort(-(told[:, :3, 2] @ told[:, :3, 2].T), axis=1)[:, :_NEIGHBOURS + 1]
-    return [(one, other) for one, other in combinations(range(len(told)), 2)
+    near = np.argsort(-(reported[:, :3, 2] @ reported[:, :3, 2].T), axis=1)[:, :_NEIGHBOURS + 1]
+    return [(one, other) for one, other in combinations(range(len(reported)), 2)
             if other in near[one] or one in near[other]]
 
 
@@ -205,15 +207,16 @@ def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
     return np.stack([first[0][both[:, 0]], second[0][both[:, 1]]], axis=1)
 
 
-def _consistent(rays: NDArray[np.float64], focal: float, told: NDArray[np.float64]
+def _consistent(rays: NDArray[np.float64], focal: float, reported: NDArray[np.float64]
                 ) -> NDArray[np.float64]:
-    """Those matches (m, 2, 3) that one relative pose explains, and is about the told one.
+    """Those matches (m, 2, 3) that one relative pose explains, and is about the reported one.
 
-    By the told pose they are not behind the cameras, as those of a pattern that repeats can be.
+    By the reported pose they are not behind the cameras, as those of a pattern that repeats can
+    be.
     """
     position, rotation = _PRIOR
     gate = _GATE * np.sqrt(2) * np.hypot(position / _DISTANCE, rotation)
-    relative = np.linalg.inv(told[1]) @ told[0]
+    relative = np.linalg.inv(reported[1]) @ reported[0]
     between = np.tile(relative, (len(rays), 1, 1))
     rays = rays[(np.abs(sampson(rays, between)) < gate)
                 & (parallax(rays, relative) > -_BEHIND * np.sqrt(2) * rotation)]

@@ -47,7 +47,7 @@ class PosedViewsOutputs:
         """Drop what has been found."""
         self._last: tuple[ViewsEvidence, PoseEstimate, ObjectModel] | None = None
         self._cameras: list[NDArray[np.float64]] = []  # of the views that came last
-        self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
+        self._by_number: dict[int, float] = {}  # number of views: largest standard deviation [m]
         self._number = 0  # of the last views
 
     def on_views(self, views: PosedViews) -> None:
@@ -62,20 +62,20 @@ class PosedViewsOutputs:
         """
         number = len(evidence.views)
         # Fewer: another collection has begun. As many: a view of it has been replaced, or the same
-        # ones are searched again; what was told of the first ones stays.
-        kept = self._told if number >= self._number else {}
-        self._told = {each: sigma for each, sigma in kept.items() if each < number}
+        # ones are searched again; what was found by the first ones stays.
+        kept = self._by_number if number >= self._number else {}
+        self._by_number = {each: sigma for each, sigma in kept.items() if each < number}
         self._number = number
         self._last = None if estimate.lost else (evidence, estimate, model)
         if not estimate.lost:
-            self._told = self._told | {number: position_sigma(estimate.covariance)}
+            self._by_number = self._by_number | {number: position_sigma(estimate.covariance)}
 
     def publish_chart(self) -> None:
         """Of how sure the poses of this collection were, unless the object was lost just now."""
         last = self._last
         if last is not None and self._sigmas.get_subscription_count():
             from pmcl_ros.drawing.views_picture import sigmas_figure
-            sigmas = [self._told.get(each + 1, np.nan) for each in range(self._number)]
+            sigmas = [self._by_number.get(each + 1, np.nan) for each in range(self._number)]
             _draw(self._sigmas, last[1].header, sigmas_figure(sigmas))
 
     def _answer(self) -> str:

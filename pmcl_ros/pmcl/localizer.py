@@ -70,7 +70,7 @@ class Localizer(Closing):
         self._error = error
         self._creases = Creases.from_model(model) if profile is None else None
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._told = False  # that its middle is out of view
+        self._warned = False  # that its middle is out of view
         self._orientation = Orientation.from_settings(settings, model)
         self._estimator = Estimator(model, self._region, settings, self._orientation)
         self._renderer = make_renderer(settings.renderer, likelihoods=False)
@@ -166,8 +166,8 @@ class Localizer(Closing):
                 feasible: Feasible | None, second: bool = False) -> PoseEstimate:
         """second: in other evidence, whose thresholds are its own."""
         self._region.check_depths(edges.depths)
-        if not self._told and (problem := self._region.middle_out_of_view(edges.pinhole)):
-            self._told = True
+        if not self._warned and (problem := self._region.middle_out_of_view(edges.pinhole)):
+            self._warned = True
             _LOG.warning('%s', problem)
         evidence = replace(self._evidence(edges), constraint=feasible)
         if start is not None and not len(start):

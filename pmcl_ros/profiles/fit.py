@@ -19,7 +19,7 @@ _STEP = 0.5  # px between shifts across the contour
 _TURN = 0.16  # rad: turn of the wall from knot to knot that is as likely as not
 _TILT, _ASIDE, _END = 0.03, 0.02, 0.03  # rad, m, m: how far the start may be off
 _EDGES = np.array([0.003, 0.0015])  # m: radii of the edges of bottom and top, and their spread
-_HEIGHT = 0.0005  # m: standard deviation of a height that is told
+_HEIGHT = 0.0005  # m: standard deviation of a given height
 _OVERSURE = 1.5  # by so much errors are larger: what the curvature does not tell
 _LEAST = 0.0005  # m: of radii
 

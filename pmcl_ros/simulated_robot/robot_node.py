@@ -48,7 +48,7 @@ _FILM, _EVERY = (320, 240), 5  # px; of the calls of `Workcell.watch`
 
 
 class SimulatedRobot(Node):
-    """It does what it is told; what is true goes into `trial`, not into messages.
+    """It does what it is commanded; what is true goes into `trial`, not into messages.
 
     `~/plan` (nav_msgs/GetPlan): can the link start.header.frame_id come to `goal`, in base_link?
     An empty path: no. tolerance 0: along a straight line; else anywhere. `~/execute` does the
@@ -136,7 +136,7 @@ class SimulatedRobot(Node):
         if request.data and not self.trial.grips:
             spent = sum(self._spent.values())
             self._note(times={'to the grasp': time.monotonic() - self._began - spent})
-        told = self._believed
+        reported = self._believed
         moved = None if self._seen_at is None else 1e3 * float(
             np.linalg.norm(self._cell.object_pose[:3, 3] - self._seen_at))
         gap = self._physics(lambda: self._cell.grip(request.data))
@@ -147,7 +147,7 @@ class SimulatedRobot(Node):
             self._note(grips=(*self.trial.grips, Grip(
                 gap=gap, held=self._gripped, moved=moved,
                 off=self.trial.poses[-1] if self.trial.poses else None,
-                pose=None if told is None else tuple(told.ravel().tolist()))),
+                pose=None if reported is None else tuple(reported.ravel().tolist()))),
                        largest_touch=float(self._cell.largest_touch))
         response.success = self._gripped == request.data
         response.message = f'gap {1e3 * gap:.1f} mm, ' + ('holds' if self._gripped else 'empty')
@@ -167,19 +167,19 @@ class SimulatedRobot(Node):
         wrist = self._cell.tool @ _WRIST
         camera = self._wrist_camera.seen_from(wrist)
         joints = read_joints(self._rng, self._cell.joints)
-        told = self._wrist_camera.told(self._cell.forward(joints) @ _WRIST)
+        reported = self._wrist_camera.reported(self._cell.forward(joints) @ _WRIST)
         scene = self._look.scene(camera, self._cell.object_pose, self._sensor, number)
         name, now = f'{number:03d}.png', self._epoch + round(1e9 * self._cell.time)
         self._eye.shoot(scene, Header(now, CAMERA), self._out / name)
         self._spent['rendering'] += time.monotonic() - began
-        off = pose_error(told, camera, Symmetry())
+        off = pose_error(reported, camera, Symmetry())
         self._note(pictures=(*self.trial.pictures, Picture(
-            file=name, camera=tuple(told.ravel().tolist()),
+            file=name, camera=tuple(reported.ravel().tolist()),
             error=(1e3 * off.translation, float(np.rad2deg(off.rotation))))))
         for step in (-1, 0, 1):
             stamp = Header(now + round(step * _PERIOD * 1e9), BASE)
             self._pose.publish(PoseStamped(header=header_to_message(stamp),
-                                           pose=pose_to_message(told)))
+                                           pose=pose_to_message(reported)))
 
     def _start_film(self) -> Film | None:
         """From outside, its states noted twice a second of the simulated time."""

@@ -30,11 +30,11 @@ class Grip(Settings):
 
     gap: float = Field(description='that was left between the fingers [m]')
     held: bool = Field(description='whether the object was between them')
-    pose: tuple[float, ...] | None = Field(None, description='that was told last: object to '
+    pose: tuple[float, ...] | None = Field(None, description='that was reported last: object to '
                                            'base_link, row by row')
     off: tuple[float, float] | None = Field(description='the error of the last pose that was '
-                                            'told, when it was told [mm], [degrees]; null: none '
-                                            'was')
+                                            'reported, at that time [mm], [degrees]; null: '
+                                            'none was')
     moved: float | None = Field(None, description='how far the object had moved since [mm]')
 
 
@@ -44,10 +44,10 @@ class Trial(Settings):
     seed: int
     place: str
     stands: bool = Field(description='how the object was at the beginning')
-    by_truth: bool = Field(False, description='whether the robot was told the true pose')
+    by_truth: bool = Field(False, description='whether the robot was given the true pose')
     pictures: tuple[Picture, ...] = ()
     poses: tuple[tuple[float, float], ...] = Field((), description='errors of the poses that were '
-                                                   'told [mm], [degrees]')
+                                                   'reported [mm], [degrees]')
     grips: tuple[Grip, ...] = ()
     largest_touch: float = Field(0.0, description='before the first grip closed [N]')
     done: bool = Field(False, description='upright on the tray; from a tank: held clear of the '

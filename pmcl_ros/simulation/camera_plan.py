@@ -34,7 +34,7 @@ class CameraPlan(Settings):
         None, description='rows, columns, and the width [m]: parallel cameras in a plane')
     poses: tuple[_Pose, ...] = Field(
         (), description="4x4 each, row by row: camera to the scene's own camera [m]")
-    sigma_mm: float = Field(0.0, ge=0, le=100, description='error of the poses that are told: '
+    sigma_mm: float = Field(0.0, ge=0, le=100, description='error of the reported poses: '
                             'standard deviation of the position on each axis [mm]')
     sigma_deg: float = Field(0.0, ge=0, le=30, description='of the rotation about each [deg]')
     common: float = Field(0.0, ge=0, le=1, description='share of the variance of these errors '
@@ -101,7 +101,7 @@ class CameraPlan(Settings):
         """(n, 4, 4) `poses`."""
         return np.array(self.poses, float).reshape(-1, 4, 4)
 
-    def told(self, cameras: NDArray[np.float64], rng: np.random.Generator
+    def reported(self, cameras: NDArray[np.float64], rng: np.random.Generator
              ) -> NDArray[np.float64]:
         """(n, 4, 4) the poses that an arm with these errors tells of cameras (n, 4, 4).
 

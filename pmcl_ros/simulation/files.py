@@ -87,11 +87,11 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
     """
     cameras = plan.cameras(scene)
     rng = np.random.default_rng([seed, len(cameras)])
-    told = in_room(scene, plan.told(cameras, rng))
+    reported = in_room(scene, plan.reported(cameras, rng))
     hidden = rng.permutation(len(cameras))[:plan.hidden]
     entries: list[dict[str, Any]] = []
     shown: list[NDArray[np.uint8]] = []
-    for number, (picture, pose) in enumerate(zip(pictures, told, strict=True)):
+    for number, (picture, pose) in enumerate(zip(pictures, reported, strict=True)):
         if number in hidden:
             seen = seen_from(scene, cameras[number]).targets[0]
             corners = seen.vertices @ seen.pose[:3, :3].T + seen.pose[:3, 3]

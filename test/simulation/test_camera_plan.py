@@ -50,7 +50,7 @@ def test_a_grid_is_parallel_and_as_wide_as_it_says(scene):
 def test_the_errors_are_those_that_were_asked_for(scene):
     cameras = np.tile(CameraPlan.parse('arc:2:40').cameras(scene), (2000, 1, 1))
     plan = CameraPlan(arc=(2, 40), sigma_mm=2, sigma_deg=0.5, common=0.25)
-    draws = [np.linalg.inv(cameras[:40]) @ plan.told(cameras[:40], np.random.default_rng(seed))
+    draws = [np.linalg.inv(cameras[:40]) @ plan.reported(cameras[:40], np.random.default_rng(seed))
              for seed in range(300)]
     shift = 1e3 * np.array(draws)[..., :3, 3]  # (draws, views, 3)
     assert shift.std() == pytest.approx(2, rel=0.1)

@@ -50,7 +50,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     sink: a glass, which it puts upright on a tray. tank: a floating bottle, which it lifts.
 
     The nodes of this package run as they do on a robot; arm and gripper are simulated by MuJoCo
-    (extra 'manipulate'). Every task is tried again by a robot that is told the true pose.
+    (extra 'manipulate'). Every task is tried again by a robot that is given the true pose.
     """
     mujoco()  # said at once where it is missing
     own_domain()
@@ -69,16 +69,16 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     series.claim()
     written = results_in(out, force).path(NAME)
     seeds = range(seed, seed + count)
-    seen, told = [], []
+    seen, given = [], []
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('trials', total=count)
         for each in seeds:
             seen.append(series.run(each))
-            told.append(series.run_by_truth(each))
+            given.append(series.run_by_truth(each))
             click.echo(f'{each}: {seen[-1].cause or "done"}', err=True)
             bar.advance(task)
-    click.echo(table(HEAD, rows(seen) + rows(told)))
+    click.echo(table(HEAD, rows(seen) + rows(given)))
     for line in causes(seen):
         click.echo(line)
     about = {'object': name, 'camera': Path(camera).name,
@@ -86,7 +86,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
              'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}
     written.write_text(page(
-        f'{name.capitalize()} out of a {place}', about, seen, told,
+        f'{name.capitalize()} out of a {place}', about, seen, given,
         [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
         series.pinhole, [series.water(each) for each in seeds]))
     click.echo(written)

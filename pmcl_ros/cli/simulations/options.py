@@ -57,7 +57,7 @@ _OPTIONS = (
                  f'{F01_RAW}: its raw pictures.'),
     click.option('--region', default='0.35:0.7', show_default=True, metavar='NEAR:FAR[:SIDE]',
                  help='Distances of the object from the camera, and the side of the box that the '
-                 'search is told holds its origin (default 0.16) [m].'),
+                 'search is given holds its origin (default 0.16) [m].'),
     click.option('--surroundings', multiple=True, type=click.Choice(SURROUNDINGS),
                  default=('table', 'clutter'), show_default=True, help='Where the object is; may '
                  'be repeated: scenes take turns.'),

@@ -42,7 +42,7 @@ def scenes() -> None:
               'each scene; default: a light-field camera.')
 @click.option('--cameras', 'plan', metavar='PLAN', help='Of --camera: pictures of each scene from '
               'several poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a '
-              'YAML file with these or poses, and errors of the poses that are told.')
+              'YAML file with these or poses, and errors of the reported poses.')
 @click.option('--views', type=click.IntRange(1), show_default='7; with --camera 1',
               help='Side of the square of views, odd; with --camera the number of pictures, 1.')
 @click.option('--size', type=click.IntRange(16), show_default='328',

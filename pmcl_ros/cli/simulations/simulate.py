@@ -17,7 +17,7 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 @simulation_options
 @click.option('--cameras', 'plan', metavar='PLAN', help='Pictures of each scene from several '
               'poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a YAML '
-              'file with these or poses, and errors of the poses that are told; default: one.')
+              'file with these or poses, and errors of the reported poses; default: one.')
 @click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
 @process_options
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '

@@ -31,7 +31,7 @@ class Slope:
     high: float
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """In words."""
         return f'{self.slope:.1f} ({self.low:.1f} to {self.high:.1f}) MB in 1,000 captures'
 
@@ -98,7 +98,7 @@ class Soak:
                               if age >= least), each[-1])
                 if each[-1] - first > most:
                     words.append(f'{name} grew by {each[-1] - first:.0f} {what}')
-        words += [f'{name} grows by {slope.told}' for name, slope in self.slopes.items()
+        words += [f'{name} grows by {slope.text}' for name, slope in self.slopes.items()
                   if slope.slope > _SLOPE]
         return words
 
@@ -146,7 +146,7 @@ class Soak:
                              ', '.join(f'{each[one]:.0f}' for one in shown)))
                 rows.append((f'{name}: {unit}, least and most', f'{min(each):.0f}, '
                              f'{max(each):.0f}'))
-        rows += [(f'{name}: growth of the later half', slope.told)
+        rows += [(f'{name}: growth of the later half', slope.text)
                  for name, slope in self.slopes.items()]
         rows += [(f'disturbance: {what}', f'{count} times')
                  for what, count in self.disturbances.items()]

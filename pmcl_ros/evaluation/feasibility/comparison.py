@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import binom
 
 from pmcl_ros.evaluation.feasibility import findings
-from pmcl_ros.evaluation.feasibility.findings import Aim, good_enough, told_share
+from pmcl_ros.evaluation.feasibility.findings import Aim, good_enough, share_text
 from pmcl_ros.evaluation.feasibility.scene_trials import kept_trials
 from pmcl_ros.evaluation.recall import share
 from pmcl_ros.evaluation.results import by_row
@@ -69,7 +69,7 @@ class Pair:
 
     def row(self) -> list[str]:
         """Cells of `HEAD`."""
-        return [self.views, self.scenes, told_share(self.first), told_share(self.second),
+        return [self.views, self.scenes, share_text(self.first), share_text(self.second),
                 f'{round(self.difference):+d}']
 
 

@@ -27,7 +27,7 @@ class Aim:
     share: float = 0.9
 
     def reached(self, trial: Trial) -> bool:
-        """Whether a pose is told, and right within both bounds."""
+        """Whether a pose is claimed, and right within both bounds."""
         return (not trial.lost and trial.translation_mm <= self.mm
                 and trial.axis_deg <= self.degrees)
 
@@ -40,7 +40,7 @@ def good_enough(trials: Sequence[Trial], aim: Aim) -> list[bool]:
     return [aim.reached(each) for each in present(trials)]
 
 
-def told_share(flags: Sequence[bool]) -> str:
+def share_text(flags: Sequence[bool]) -> str:
     """The share of true flags with count and interval; nothing of fewer than `LEAST`."""
     return share_with_interval(flags) if len(flags) >= LEAST else ''
 
@@ -51,22 +51,22 @@ def _medians(trials: Sequence[Trial], *values: Callable[[Trial], float]) -> str:
                      ) if len(trials) >= LEAST else ''
 
 
-HEAD = ('good enough', 'told, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
-        'across, along the ray [mm]', 'angle [°]', 'told [mm]', '90 % regions hold')
+HEAD = ('good enough', 'claimed, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
+        'across, along the ray [mm]', 'angle [°]', 'expected [mm]', '90 % regions hold')
 
 
 def row(trials: Sequence[Trial], aim: Aim) -> list[str]:
-    """Cells of `HEAD`: medians are of the poses that are told and right."""
+    """Cells of `HEAD`: medians are of the poses that are claimed and right."""
     there = present(trials)
     found = [each for each in there if each.found]
-    return [told_share(good_enough(trials, aim)), told_share([each.found for each in there]),
-            told_share([each.lost for each in there]),
-            told_share([not each.near and not each.lost for each in there]),
+    return [share_text(good_enough(trials, aim)), share_text([each.found for each in there]),
+            share_text([each.lost for each in there]),
+            share_text([not each.near and not each.lost for each in there]),
             _medians(found, lambda each: each.translation_mm),
             _medians(found, lambda each: each.extra['across_mm'], lambda each: abs(each.ray_mm)),
             _medians(found, lambda each: each.axis_deg),
             _medians(found, lambda each: each.told_mm),
-            told_share([each.inside_90 for each in found])]
+            share_text([each.inside_90 for each in found])]
 
 
 Group = tuple[str, Callable[[Trial], bool]]
@@ -153,9 +153,9 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
         len(each.pictures), -shares[each.name])) if good else max(
         sets, key=lambda each: shares[each.name])
     name = chosen.name
-    text = f'{_capital(name)}: {told_share(flags[name])} within {aim}.'
+    text = f'{_capital(name)}: {share_text(flags[name])} within {aim}.'
     if not good:
-        text = (f'Not yet: the best is {name}, {told_share(flags[name])} within {aim}, where '
+        text = (f'Not yet: the best is {name}, {share_text(flags[name])} within {aim}, where '
                 f'{100 * aim.share:.0f} % are asked.')
     elif interval(flags[name])[0] < aim.share - 0.1:
         text += ' More scenes would make this surer.'
@@ -164,7 +164,7 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
         text += f' What fails: {"; ".join(why)}.'
     if not chosen.is_one and sets[0].is_one:
         one = sets[0].name
-        text += (f' One view is not enough: {told_share(flags[one])}; '
+        text += (f' One view is not enough: {share_text(flags[one])}; '
                  f'{"; ".join(causes(trials[one], aim)[:2])}.')
     return text
 
@@ -174,7 +174,7 @@ def _capital(text: str) -> str:
 
 
 def success(trials: Sequence[Trial], bounds: NDArray[np.float64], aim: Aim) -> NDArray[np.float64]:
-    """(n,) share of the trials told within each bound [mm] and the aim's angle, in percent."""
+    """(n,) share of the trials claimed within each bound [mm] and the aim's angle, in percent."""
     there = present(trials)
     errors = np.array([each.translation_mm if not each.lost and each.axis_deg <= aim.degrees
                        else np.inf for each in there])

@@ -86,7 +86,7 @@ def _curves(of: Feasibility) -> NDArray[np.uint8]:
     bounds = np.linspace(0, _FARTHEST, 201)
     lines = [Line(each.name, bounds, findings.success(of.trials[each.name], bounds, of.aim),
                   number) for number, each in enumerate(of.sets)]
-    return draw([[Chart(f'told within the error and {of.aim.degrees:g} degrees', 'error [mm]',
+    return draw([[Chart(f'claimed within the error and {of.aim.degrees:g} degrees', 'error [mm]',
                         'scenes [%]', lines, (0, _FARTHEST))]])
 
 
@@ -104,7 +104,7 @@ def _worst(of: Feasibility) -> list[tuple[Markup, str]]:
                  for rows in (each.extra['truth'], each.pose)]
         drawn = outlines(seen, pinhole, [(of.model, poses[0], 'true'),
                                          (of.model, poses[1], 'found')])
-        word = 'lost' if each.lost else 'told' if each.near else 'wrong'
+        word = 'lost' if each.lost else 'found' if each.near else 'wrong'
         drawn = np.asarray(cv2.resize(drawn, (_WIDTH, _WIDTH * len(drawn) // drawn.shape[1]),
                                       interpolation=cv2.INTER_AREA), np.uint8)
         shown.append((image(drawn, f'scene {each.seed}'),

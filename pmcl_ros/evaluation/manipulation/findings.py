@@ -19,8 +19,8 @@ def rows(trials: Sequence[Trial]) -> list[list[str]]:
     if any(each.place == 'sink' for each in trials):
         groups += [('standing', [each for each in trials if each.stands]),
                    ('lying', [each for each in trials if not each.stands])]
-    told = 'told the truth' if trials and trials[0].by_truth else 'by what it sees'
-    return [[f'{told}, {name}', *_row(those)] for name, those in groups if those]
+    name_of = 'given the truth' if trials and trials[0].by_truth else 'by what it sees'
+    return [[f'{name_of}, {name}', *_row(those)] for name, those in groups if those]
 
 
 def causes(trials: Sequence[Trial]) -> list[str]:

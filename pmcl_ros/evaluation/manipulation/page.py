@@ -23,13 +23,13 @@ from pmcl_ros.simulated_robot.trial import Trial
 _HEIGHT = 180  # px of a picture
 
 
-def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequence[Trial],
+def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], given: Sequence[Trial],
          folders: Sequence[Path], model: ObjectModel, pinhole: Pinhole,
          liquids: Sequence[Interface]) -> str:
     """The text of the HTML file.
 
-    seen: trials by what the robot saw; folders of each, and liquids, in the robot's frame. told:
-    of the same seeds, where it was told the true pose.
+    seen: trials by what the robot saw; folders of each, and liquids, in the robot's frame. given:
+    of the same seeds, where it was given the true pose.
     """
     shown = [{'seed': each.seed, 'words': _words(each), 'caption': _caption(each),
               'picture': _pictures(each, folder, model, pinhole, liquid),
@@ -37,7 +37,7 @@ def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequ
              for each, folder, liquid in zip(seen, folders, liquids, strict=True)]
     return rendered(
         'manipulation.html', 'pmcl_ros.evaluation.manipulation',
-        title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
+        title=title, about=about, head=HEAD, rows=rows(seen) + rows(given), causes=causes(seen),
         trials=shown, tank=any(each.place == 'tank' for each in seen), version=__version__)
 
 
@@ -47,9 +47,9 @@ def _words(trial: Trial) -> str:
 
 
 def _caption(trial: Trial) -> str:
-    told = [f'{mm:.1f} mm, {degrees:.1f} degrees' for mm, degrees in trial.poses]
+    poses = [f'{mm:.1f} mm, {degrees:.1f} degrees' for mm, degrees in trial.poses]
     return (f'What the camera saw; the outline is of the pose at which it grasped. Errors of the '
-            f'poses from two views on: {"; ".join(told) or "none was told"}. {trial.said}')
+            f'poses from two views on: {"; ".join(poses) or "none was found"}. {trial.said}')
 
 
 def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole,

@@ -55,7 +55,7 @@ _REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
 _TURNED: dict[WorkplaceKind, dict[str, object]] = {
     'sink': {}, 'tank': {'roi_up': [0.0, 0.0, 1.0], 'roi_tilt': [0.0, 0.5]}}
 _USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
-# What the executive is told: the height of its aim, and more. Into a tank it looks through the
+# What the executive is given: the height of its aim, and more. Into a tank it looks through the
 # film on its front, by its last views, as the bottle drifts; it is sure enough with a
 # quarter of the room that a finger has beside the cap.
 _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
@@ -77,7 +77,7 @@ class Series:
 
     thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera: as of
     `load_camera`. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
-    declared: whether pmcl_node is told where the water's surface is. force: overwrite files that
+    declared: whether pmcl_node knows where the water's surface is. force: overwrite files that
     no earlier run wrote.
     """
 
@@ -140,7 +140,7 @@ class Series:
                 return self._trial(seed, place)
 
     def run_by_truth(self, seed: int) -> Trial:
-        """The same task where the robot is told the true pose: what physics and planner allow."""
+        """The same task where the robot is given the true pose: what physics and planner allow."""
         began = time.monotonic()
         model, gripper, grasps = GraspFile.read(self.grasps)
         task = draw_task(np.random.default_rng(seed), self.place, model)

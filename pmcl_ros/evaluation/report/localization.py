@@ -37,7 +37,7 @@ class Localization:
 
     Of several views source, estimate, region and truth are of the first that sees the region, in
     the frame of its camera. views: all of them, each with the pose (4, 4) of the object before it;
-    told: the estimate in their reference frame. volume: None where one picture alone shows the
+    in_reference: the estimate in their frame. volume: None where one picture alone shows the
     region; of several views in the frame of a camera of its own (`before`). history: the search's
     generations.
     contour: of the estimate; None in the mode faithful, and of several views.
@@ -63,7 +63,7 @@ class Localization:
     serial: str = ''
     truth: Truth | None = None
     region: Region = field(kw_only=True)
-    told: PoseEstimate = field(kw_only=True)
+    in_reference: PoseEstimate = field(kw_only=True)
     views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
     sigmas: NDArray[np.float64] | None = None
     next_views: tuple[NextView, ...] = ()
@@ -78,7 +78,7 @@ class Localization:
         if volume.camera is None:
             return self.estimate.pose, self.region
         camera = volume.camera.camera_to_reference
-        return (np.asarray(np.linalg.inv(camera) @ self.told.pose),
+        return (np.asarray(np.linalg.inv(camera) @ self.in_reference.pose),
                 Region.before_camera(camera, self.settings.roi_center, self.settings.roi_size))
 
 
@@ -127,8 +127,8 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
         region = Region(settings.roi_center, settings.roi_size)
     return Localization(source, model, run.settings, settings, run.volume, estimate,
                         tuple(history), contour, seconds, localizer.renderer, name, serial,
-                        truth, region=region, told=run.estimate, views=views, sigmas=sigmas,
-                        next_views=tuple(candidates))
+                        truth, region=region, in_reference=run.estimate, views=views,
+                        sigmas=sigmas, next_views=tuple(candidates))
 
 
 def _stages(begin: float, history: list[Generation], end: float) -> dict[str, float]:

@@ -75,7 +75,7 @@ def page(run: Localization) -> str:
 def _charts(run: Localization) -> dict[str, NDArray[np.uint8] | None]:
     """Of several views: how the posterior shrinks, and where to look next."""
     shrinking = None if run.sigmas is None else picture(sigmas_figure(run.sigmas))
-    further = (picture(next_views_figure(run.next_views, run.told.pose, run.cameras))
+    further = (picture(next_views_figure(run.next_views, run.in_reference.pose, run.cameras))
                if run.next_views else None)
     return {'shrinking': shrinking, 'further': further}
 
@@ -117,8 +117,8 @@ def _pose(run: Localization, found: Coordinates) -> list[Fact]:
         facts.append(Fact('axis', 'axis', ', '.join(f'{each:+.3f}' for each in along),
                           f'±\u00a0{_short(np.sqrt((found.sigma[3:] ** 2).mean()))}°'))
     if run.views:
-        place = ', '.join(f'{1e3 * each:.1f}' for each in run.told.pose[:3, 3])
-        facts.append(Fact('reference', f'in {run.told.header.frame_id}', f'{place} mm',
+        place = ', '.join(f'{1e3 * each:.1f}' for each in run.in_reference.pose[:3, 3])
+        facts.append(Fact('reference', f'in {run.in_reference.header.frame_id}', f'{place} mm',
                           'x, y, z; the other values are in the frame of the first camera'))
     if run.model.axis is None:
         facts.append(Fact('orientation', 'orientation', ', '.join(

@@ -34,7 +34,7 @@ _RULER = 0.0005  # m: standard deviation of a height that is measured
 _STEP = 0.0002  # m between points of a profile
 _UNDER = 0.9  # of the foot's radius: nearer to the axis is the underside
 _NEAR = 0.005, np.deg2rad(5.0)  # m, rad: of a pose that counts
-_HEAD = 'seed', 'vessel', 'largest', 'mean', 'told', 'within 2', 'by the profile', 'by the CAD'
+_HEAD = 'seed', 'vessel', 'largest', 'mean', 'expected', 'within 2', 'by the profile', 'by the CAD'
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class ProfileTrial:
     """One vessel: the deviations of its measured profile [mm], and what was found by it.
 
     largest, mean: distances between the measured profile and the true one, without the underside.
-    told: median standard deviation. within: share of the profile that is within twice of its own.
-    All are None where no profile was found.
+    expected: median standard deviation. within: share of the profile that is within twice of its
+    own. All are None where no profile was found.
     by_profile, by_cad: in another scene, with the measured mesh and the true one.
     """
 
@@ -51,7 +51,7 @@ class ProfileTrial:
     vessel: str
     largest: float | None
     mean: float | None
-    told: float | None
+    expected: float | None
     within: float | None
     by_profile: Trial | None
     by_cad: Trial | None
@@ -62,7 +62,7 @@ class ProfileStudy:
     """Of `profile_trial`: three views over `apart` degrees, by a camera, samples a pixel.
 
     with_cad: whether the vessel is looked for with its true mesh too. with_height: whether its
-    height is told, as measured by a ruler.
+    height is given, as measured by a ruler.
     """
 
     camera: OrdinaryCamera
@@ -202,15 +202,15 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
     largest = np.array([np.inf if each.largest is None else each.largest for each in trials])
     quarter, most = np.quantile(largest, (0.25, 0.75), method='nearest')  # inf is among them
     half = np.median(largest)
-    told = [each for each in trials if each.largest is not None]
-    lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
+    measured = [each for each in trials if each.largest is not None]
+    lines = [f'profiles: {len(measured)} of {len(trials)}; largest deviation, median of all '
              f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
              f'{share_with_interval(largest <= 1)}']
-    if told:
+    if measured:
         lines.append(
-            f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
-            f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
-            f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)')
+            f'mean deviation {_median(measured, lambda each: each.mean):.2f} mm, expected '
+            f'{_median(measured, lambda each: each.expected):.2f} mm; within twice that in '
+            f'{100 * _median(measured, lambda each: each.within):.0f} % of a profile (medians)')
     for name, by in (('by the profile', [each.by_profile for each in trials]),
                      ('by the CAD', [each.by_cad for each in trials])):
         if not any(by):
@@ -237,7 +237,7 @@ def _median(trials: Sequence[ProfileTrial], value: Callable[[ProfileTrial], floa
 
 def _cells(of: ProfileTrial) -> list[str]:
     numbers = ['none' if each is None else f'{each:.2f}'
-               for each in (of.largest, of.mean, of.told, of.within)]
+               for each in (of.largest, of.mean, of.expected, of.within)]
     return [str(of.seed), of.vessel, *numbers, *(_errors(each) for each in (
         of.by_profile, of.by_cad))]
 

@@ -191,9 +191,9 @@ def _posed_views(scene: Scene, camera: OrdinaryCamera, plan: CameraPlan,
     poses = plan.cameras(scene)
     sigma = 1e-3 * plan.sigma_mm, float(np.deg2rad(plan.sigma_deg))
     return PosedViews(tuple(
-        replace(take_view(scene, camera, pose, rng, samples), camera_to_reference=told,
+        replace(take_view(scene, camera, pose, rng, samples), camera_to_reference=reported,
                 sigma=sigma, group='arm', common=plan.common)
-        for pose, told in zip(poses, plan.told(poses, rng), strict=True)))
+        for pose, reported in zip(poses, plan.reported(poses, rng), strict=True)))
 
 
 def _picture(source: Source, found: SceneEstimate, models: Sequence[ObjectModel]

@@ -141,14 +141,14 @@ def _lines(name: str, scenes: Sequence[ViewGain]) -> list[str]:
         return []
     rows = {mode: [getattr(each, mode) for each in scenes]
             for mode in ('before', 'best', 'random')}
-    told = ', '.join(f'{mode} {_median(each, _told):.2f} mm' for mode, each in rows.items())
+    sigmas = ', '.join(f'{mode} {_median(each, _sigma):.2f} mm' for mode, each in rows.items())
     errors = ', '.join(f'{mode} {median(each, "translation_mm"):.2f} mm'
                        for mode, each in rows.items())
     found = ', '.join(f'{mode} {sum(one.found for one in each)}' for mode, each in rows.items())
     pairs = list(zip(rows['best'], rows['random'], strict=True))
     nearer = [one.translation_mm < other.translation_mm for one, other in pairs]
-    surer = [_told(one) < _told(other) for one, other in pairs]
-    return [f'{name}, median standard deviation told: {told}; expected with the best '
+    surer = [_sigma(one) < _sigma(other) for one, other in pairs]
+    return [f'{name}, median standard deviation: {sigmas}; expected with the best '
             f'{_median(rows["best"], _expected):.2f} mm',
             f'{name}, median error: {errors}',
             f'{name}, the best is nearer the truth than the random one: '
@@ -156,7 +156,7 @@ def _lines(name: str, scenes: Sequence[ViewGain]) -> list[str]:
             f'{name}, found: {found} of {len(scenes)}']
 
 
-def _told(trial: Trial) -> float:
+def _sigma(trial: Trial) -> float:
     return float(trial.extra['sigma_mm'])
 
 
@@ -174,7 +174,7 @@ def _cells(scene: ViewGain) -> list[str]:
 
 
 def _errors(trial: Trial) -> str:
-    """Error, in brackets where lost; what was told and expected [mm]."""
+    """Error, in brackets where lost; standard deviation, and what was expected [mm]."""
     word = f'{trial.translation_mm:.2f}' if trial.near else 'elsewhere'
     return (f'({word})' if trial.lost else word) + (
-        f' ± {_told(trial):.2f}, expected {_expected(trial):.2f}')
+        f' ± {_sigma(trial):.2f}, expected {_expected(trial):.2f}')

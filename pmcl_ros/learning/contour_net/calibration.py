@@ -24,7 +24,7 @@ from pmcl_ros.simulation.labelled_pictures import read_labelled
 _EDGES = np.linspace(-30, 30, 1201)  # of logits; those beyond are in the outer bins
 _CENTRES = (_EDGES[:-1] + _EDGES[1:]) / 2
 _LEAST = 20  # pixels for which it is true, and is not, of a point of the reliability curve
-_PARTS = np.linspace(-12, 6, 37)  # log odds told, of a reliability curve
+_PARTS = np.linspace(-12, 6, 37)  # predicted log odds, of a reliability curve
 
 # A network: a picture (height, width, 3) -> its logits (height, width, 6).
 Logits = Callable[[NDArray[np.generic]], NDArray[np.float32]]
@@ -64,11 +64,11 @@ class Histogram:
                            rate=float(f'{self.true.sum() / self.pixels.sum():.4g}'))
 
     def reliability(self, by: Calibration) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """(log odds told, log odds that are so) of groups of pixels."""
-        told = by.scale * _CENTRES + by.bias
-        part = np.digitize(told, _PARTS)
+        """(log odds predicted, log odds that are so) of groups of pixels."""
+        predicted = by.scale * _CENTRES + by.bias
+        part = np.digitize(predicted, _PARTS)
         pixels, true, mean = (np.bincount(part, each, len(_PARTS) + 1) for each in (
-            self.pixels, self.true, self.pixels * told))
+            self.pixels, self.true, self.pixels * predicted))
         kept = np.minimum(true, pixels - true) >= _LEAST
         return mean[kept] / pixels[kept], np.log(true[kept] / (pixels[kept] - true[kept]))
 
@@ -76,11 +76,11 @@ class Histogram:
         """What the logit tells of a pixel beside the base rate: mean log likelihood gain [nat]."""
         odds = by.scale * _CENTRES + by.bias
         base = np.log(by.rate / (1 - by.rate))
-        told = self.true @ np.logaddexp(0, -odds) + (
+        predicted = self.true @ np.logaddexp(0, -odds) + (
             self.pixels - self.true) @ np.logaddexp(0, odds)
         blind = self.true.sum() * np.logaddexp(0, -base) + (
             self.pixels - self.true).sum() * np.logaddexp(0, base)
-        return float((blind - told) / self.pixels.sum())
+        return float((blind - predicted) / self.pixels.sum())
 
     def precision_recall(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """(precision, recall) of all thresholds, from the highest on."""
@@ -122,12 +122,12 @@ class Measured:
                 out = logits(labelled.picture)
             except PictureError as error:
                 raise PictureError(f'{each}: {error}') from error
-            told = out[..., :5] @ basis
+            predicted = out[..., :5] @ basis
             there = labelled.direction >= 0
             close = cv2.dilate(there.astype(np.uint8), np.ones((3, 3), np.uint8))
-            one = cls(Histogram.count(told, shares[labelled.direction.astype(int) + 1]),
-                      Histogram.count(told.max(-1), there.astype(float)),
-                      Histogram.count(told.max(-1), close.astype(float)),
+            one = cls(Histogram.count(predicted, shares[labelled.direction.astype(int) + 1]),
+                      Histogram.count(predicted.max(-1), there.astype(float)),
+                      Histogram.count(predicted.max(-1), close.astype(float)),
                       Histogram.count(out[..., 5], labelled.inside.astype(float)))
             sums = one if sums is None else Measured(
                 sums.contour + one.contour, sums.any + one.any, sums.near + one.near,
@@ -154,10 +154,12 @@ def charts(measured: Measured, contour: Calibration, inside: Calibration) -> lis
     drawn = []
     for name, histogram, by in (('contour of a direction', measured.contour, contour),
                                 ('inside', measured.inside, inside)):
-        told, so = histogram.reliability(by)
-        ends = float(min(told.min(), so.min())) - 0.5, float(max(told.max(), so.max())) + 0.5
-        drawn.append(Chart(f'Reliability: {name}', 'log odds told [nat]', 'log odds in fact [nat]',
-                           [Line('measured', told, so), Line('ideal', ends, ends, -1, True)],
+        predicted, so = histogram.reliability(by)
+        both = np.concatenate([predicted, so])
+        ends = float(both.min()) - 0.5, float(both.max()) + 0.5
+        drawn.append(Chart(f'Reliability: {name}', 'predicted log odds [nat]',
+                           'log odds in fact [nat]',
+                           [Line('measured', predicted, so), Line('ideal', ends, ends, -1, True)],
                            ends, ends))
     lines = []
     for number, (name, histogram) in enumerate((

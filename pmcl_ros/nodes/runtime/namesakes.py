@@ -14,7 +14,7 @@ class Namesakes:
     def __init__(self, node: Node, patience: float) -> None:
         self._node, self._patience = node, patience
         self._alone = time.monotonic()  # when it was so for the last time
-        self._told = False
+        self._warned = False
 
     def count(self) -> int:
         """How many have been there all the time, with the node itself; the log says it once."""
@@ -22,11 +22,11 @@ class Namesakes:
         count = self._node.get_node_names_and_namespaces().count(own)
         now = time.monotonic()
         if count <= 1:
-            self._alone, self._told = now, False
+            self._alone, self._warned = now, False
         if now < self._alone + self._patience:
             return 1
-        if count > 1 and not self._told:
-            self._told = True
+        if count > 1 and not self._warned:
+            self._warned = True
             self._node.get_logger().warning(
                 f'{count} nodes are named {self._node.get_fully_qualified_name()}: they get each '
                 "other's pictures and calls; end the others, or give them another ROS_DOMAIN_ID "

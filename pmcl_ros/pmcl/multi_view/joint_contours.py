@@ -80,8 +80,8 @@ class JointContours:
                    displacement)
 
     @property
-    def told(self) -> NDArray[np.float64]:
-        """(k + 1,) nuisances with cameras where they are told to be, contours where they are."""
+    def nominal(self) -> NDArray[np.float64]:
+        """(k + 1,) nuisances: cameras as reported, contours where they are."""
         return np.zeros(self.joint.errors.number + 1)
 
     @property
@@ -124,12 +124,12 @@ class JointContours:
             return 1.0
         whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
                     for score, camera in zip(self.scores, self.joint.cameras, strict=True))
-        return float(self.points(pose, self.told).lengths.sum()) / max(whole, 1e-9)
+        return float(self.points(pose, self.nominal).lengths.sum()) / max(whole, 1e-9)
 
     def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
         """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
 
-        Cameras are where they are told to be. None: no view sees a contour.
+        Cameras are where they are reported to be. None: no view sees a contour.
         """
         into = np.linalg.inv(self.joint.cameras)
         scores = [(camera, rigid_score(camera @ pose, points, view.edges))

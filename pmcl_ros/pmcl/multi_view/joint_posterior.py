@@ -98,11 +98,11 @@ class JointPosterior:
         return self.contours.beyond(known.pose, known.nuisances)
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
-        """How each view agrees with a pose (4, 4), its camera where it is told to be.
+        """How each view agrees with a pose (4, 4), its camera where it is reported to be.
 
         Contours are displaced as at the mode nearby.
         """
-        nuisances = self.contours.told
+        nuisances = self.contours.nominal
         nuisances[-1] = self._known_at(pose).nuisances[-1]
         return self.contours.fits(pose, nuisances)
 
@@ -147,7 +147,7 @@ class JointPosterior:
     def _refined(self, pose: NDArray[np.float64], still: bool
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:
         """Pose, nuisances, local model and its scale; still: the pose stays."""
-        nuisances, scale = self.contours.told, 1.0
+        nuisances, scale = self.contours.nominal, 1.0
         if not self.contours.exact:
             scale = self.contours.local_model(pose, True, nuisances, None).scale
         for level in range(len(self.contours.levels)):
@@ -202,12 +202,12 @@ class JointPosterior:
         return mixture(modes, gaussians, masses, count, rng)
 
     def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
-        """The mode next to a pose, else one with the nuisances as they are told."""
+        """The mode next to a pose, else one with the nuisances at their nominal values."""
         symmetry = self.model.symmetry
         same = [each for each in self._known
                 if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
         if not same:
-            return _Known(pose, self.contours.told, 1.0)
+            return _Known(pose, self.contours.nominal, 1.0)
         # Not the last one: a duplicate that was refined later is worse, or the same.
         poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
         apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)

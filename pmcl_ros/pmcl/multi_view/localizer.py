@@ -93,13 +93,13 @@ class MultiViewLocalizer(Closing):
                  ) -> dict[int, ContourPoints]:
         """The contour of a pose (4, 4), in the reference frame, in the pixels of each view.
 
-        By the numbers of the views that see the region; cameras are where they are told to be.
+        By the numbers of the views that see the region; cameras are where they are reported to be.
         """
         joint = self._joint(evidence)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             drawn = JointContours.opened(joint, stack)
-            seen = drawn.contours(into @ pose, drawn.told)
+            seen = drawn.contours(into @ pose, drawn.nominal)
         made = {}
         for number, view in zip(joint.numbers, seen, strict=True):
             whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole

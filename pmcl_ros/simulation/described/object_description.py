@@ -76,13 +76,13 @@ class _Description:
         look, model = self.appearance, self.model
         is_hollow = look.wall is not None or look.inner is not None
         if look.material != 'opaque' and not is_hollow and not look.solid:
-            raise ObjectModelError("how thick it is, is not told: write in appearance 'wall: "
+            raise ObjectModelError("how thick it is, is not given: write in appearance 'wall: "
                                    "0.0025' [m], 'inner: inner.stl' (mesh of the inner surface) "
                                    "or 'solid: true'")
         vertices = model.vertices @ self.turn.T
         top = float(vertices[:, 2].max())
         if is_hollow and look.mouth is None:
-            raise ObjectModelError(f"where its mouth is, is not told: write in appearance "
+            raise ObjectModelError(f"where its mouth is, is not given: write in appearance "
                                    f"'{_mouth(top)}', or 'mouth: {{open: false}}' where it is "
                                    'closed')
         if is_hollow and look.floor is not None and not look.floor < top:

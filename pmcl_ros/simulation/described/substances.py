@@ -37,11 +37,11 @@ def medium_of(appearance: Appearance, folder: Path) -> Medium:
     """
     if appearance.material == 'opaque':
         return Opaque(_texture(appearance, folder), appearance.texture_side or _ONCE_AROUND,
-                      _told(appearance.index, _COAT),
-                      _told(appearance.roughness, _COAT_ROUGHNESS))
+                      _given(appearance.index, _COAT),
+                      _given(appearance.roughness, _COAT_ROUGHNESS))
     usual = _CLEAR[appearance.material]
-    return Clear(_told(appearance.index, usual.index), appearance.absorption or usual.absorption,
-                 _told(appearance.roughness, usual.roughness))
+    return Clear(_given(appearance.index, usual.index), appearance.absorption or usual.absorption,
+                 _given(appearance.roughness, usual.roughness))
 
 
 def liquid_of(liquid: Liquid) -> Clear:
@@ -50,7 +50,7 @@ def liquid_of(liquid: Liquid) -> Clear:
     return replace(usual, absorption=liquid.absorption or usual.absorption)
 
 
-def _told(value: float | None, usual: float) -> float:
+def _given(value: float | None, usual: float) -> float:
     return usual if value is None else value
 
 

@@ -33,7 +33,7 @@ class WristCamera:
         return np.asarray(wrist @ self.mount)
 
     @staticmethod
-    def told(wrist: Pose) -> Pose:
+    def reported(wrist: Pose) -> Pose:
         """(4, 4) where the robot believes it is, for the pose that its encoders give."""
         return np.asarray(wrist @ MOUNT)
 

@@ -13,8 +13,8 @@ from pmcl_ros.evaluation.feasibility.findings import (
     causes,
     good_enough,
     recommendation,
+    share_text,
     success,
-    told_share,
     worst,
 )
 from pmcl_ros.evaluation.feasibility.page import Feasibility
@@ -47,9 +47,9 @@ def test_sets_are_one_two_and_more_views_of_a_plan() -> None:
 
 
 def test_cells_of_few_scenes_are_empty() -> None:
-    assert told_share(good_enough([trial(k) for k in range(9)], Aim())) == ''
+    assert share_text(good_enough([trial(k) for k in range(9)], Aim())) == ''
     some = [trial(k, 1 if k < 18 else 9, told_mm=2) for k in range(20)]
-    assert told_share(good_enough(some, Aim())) == '90 % (18 of 20; 70 to 97 %)'
+    assert share_text(good_enough(some, Aim())) == '90 % (18 of 20; 70 to 97 %)'
     assert findings.row(some, Aim())[4:8] == ['1.0', '0.5, 0.5', '1.0', '2.0']
     assert findings.row(some[:9], Aim()) == [''] * len(findings.HEAD)
     # Medians are of the poses that are found: here of one in twenty scenes.

@@ -104,7 +104,7 @@ def test_a_volume_of_posed_views_is_drawn_in_the_frame_of_its_own_camera(found):
         'roi_size': (z, x, y)})
     volume = replace(found.volume, camera=CameraPose('room', camera))
     pose, region = replace(found, volume=volume, settings=chosen,
-                           told=in_frame(found.estimate, camera)).before(volume)
+                           in_reference=in_frame(found.estimate, camera)).before(volume)
     np.testing.assert_allclose(pose, found.estimate.pose, atol=1e-12)
     np.testing.assert_allclose([region.center, region.size],
                                [found.region.center, found.region.size], atol=1e-12)

@@ -29,7 +29,7 @@ def test_the_summary_counts_the_scenes_that_begin_with_a_pose_and_all():
     assert '| 9 | glass: cup | elsewhere ± 1.50' in text
     assert '| 10 | glass: cup | (4.00) ± 1.50' in text
     assert 'find the object in 50 % (2 of 4; 15 to 85 %); wrong: 1' in text
-    assert ('these, median standard deviation told: before 2.00 mm, best 0.70 mm, random 0.90 '
+    assert ('these, median standard deviation: before 2.00 mm, best 0.70 mm, random 0.90 '
             'mm; expected with the best 0.80 mm') in text
     assert 'these, median error: before 2.50 mm, best 0.70 mm, random 0.85 mm' in text
     assert ('these, the best is nearer the truth than the random one: 50 % (1 of 2; 9 to 91 %); '

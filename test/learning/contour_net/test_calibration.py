@@ -27,9 +27,9 @@ def test_scale_and_bias_are_recovered(known):
 
 def test_what_is_told_is_so(known):
     histogram, _ = known
-    told, so = histogram.reliability(histogram.calibration())
-    assert len(told) > 10
-    np.testing.assert_allclose(told, so, atol=0.3)
+    predicted, so = histogram.reliability(histogram.calibration())
+    assert len(predicted) > 10
+    np.testing.assert_allclose(predicted, so, atol=0.3)
     # Information of the logit: of the entropy without it, what is left with it.
     x = np.linspace(-16, 14, 30001)
     weight = np.exp(-(x + 1) ** 2 / 18)

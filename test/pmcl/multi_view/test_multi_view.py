@@ -325,7 +325,7 @@ def test_views_disagree_by_the_median_and_one_without_a_contour_says_nothing(con
         into = np.linalg.inv(views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             contours = JointContours.opened(joint, stack)
-            none = contours.told
+            none = contours.nominal
             squares = [(each.off / each.expected) ** 2
                        for each in contours.fits(into @ off, none) if each.expected > 0]
             contours.contours(into @ truth, none)  # what is kept is of the pose that is asked for
