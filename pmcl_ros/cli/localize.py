@@ -18,6 +18,7 @@ from pmcl_ros.drawing.view_overlay import outlines_in_view, overlay_in_view
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import bop
 from pmcl_ros.lightfield.readers.read import Source, pictures_alone
@@ -93,15 +94,21 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     opened = source.open()
     if results is not None and not opened.posed:  # of posed views the number is not known yet
         results.reserve('overlay.png', *(['centre.png'] if len(objects) == 1 else []))
-    model = load(objects[0])
-    if len(objects) > 1:
-        if truth is not None:
-            raise click.UsageError('--truth is of one object: give one --object')
-        _localize_several(opened, objects, settings, dict(of_volume), as_json, results)
+    if len(objects) == 1:
+        _localize_one(opened, load(objects[0]), settings, dict(of_volume), truth, as_json, results)
         return
+    if truth is not None:
+        raise click.UsageError('--truth is of one object: give one --object')
+    _localize_several(opened, objects, settings, dict(of_volume), as_json, results)
+
+
+def _localize_one(opened: Opened, model: ObjectModel, settings: PmclSettings,
+                  of_volume: dict[str, Any], truth: Path | None, as_json: bool,
+                  results: Results | None) -> None:
+    """Find an object, print its pose and, with the truth, its error, and draw it."""
     settings, read = settled(settings, opened.read, model.radius)
-    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', opened.posed)
-    run = _run(pipeline, read, seed, with_volume=results is not None)
+    pipeline = Pipeline.for_object(model, settings, of_volume, '--set', opened.posed)
+    run = _run(pipeline, read, settings.seed, with_volume=results is not None)
     estimate = run.estimate
     _print(estimate, _seconds(run), as_json)
     if truth is not None:
@@ -117,15 +124,12 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                 write_png(results.path(f'overlay_{number:03d}.png'), overlay_in_view(
                     view, model, estimate.pose, settings.interface))
         else:
-            picture = displayed(run.source)
-            write_png(results.path('centre.png'), picture)
-            seen = as_it_appears(model, estimate.pose, settings.interface)
-            write_png(results.path('overlay.png'), overlay(
-                picture, run.source.pinhole, seen, estimate.pose))
+            write_png(results.path('centre.png'), displayed(run.source))
+            _draw(results.path('overlay.png'), run.source, model, estimate, settings)
         if run.volume is not None:
             write_png(results.path('depth.png'), depth_picture(
                 run.volume.depth_map(), run.settings.near, run.settings.far))
-        click.echo(f'pictures in {out}', err=True)
+        click.echo(f'pictures in {results.folder}', err=True)
 
 
 def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings: PmclSettings,
@@ -147,9 +151,8 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
                 click.echo(f'{name.name}: {run.estimate.describe()}')
             if results is not None:
                 assert isinstance(run.source, PosedView)
-                seen = as_it_appears(model, run.estimate.pose, settings.interface)
-                write_png(results.path(f'overlay_{name.stem}.png'), overlay(
-                    displayed(run.source), run.source.pinhole, seen, run.estimate.pose))
+                _draw(results.path(f'overlay_{name.stem}.png'), run.source, model, run.estimate,
+                      settings)
     if as_json:
         click.echo(json.dumps({'pictures': found}))
 
@@ -182,6 +185,13 @@ def _localize_several(opened: Opened, objects: Sequence[Path],
         write_png(results.path('overlay.png'), outlines(
             displayed(run.source), run.source.pinhole, there))
         click.echo(f'picture in {results.folder}', err=True)
+
+
+def _draw(file: Path, source: LightField | PosedView, model: ObjectModel, estimate: PoseEstimate,
+          settings: PmclSettings) -> None:
+    """The outline of an object in the picture it was found in."""
+    seen = as_it_appears(model, estimate.pose, settings.interface)
+    write_png(file, overlay(displayed(source), source.pinhole, seen, estimate.pose))
 
 
 def _run(pipeline: Pipeline[Estimate], read: Callable[[], Source], seed: int,
