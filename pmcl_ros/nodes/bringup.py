@@ -106,10 +106,7 @@ def _split(args: Sequence[str]) -> tuple[list[str], list[str]]:
     return own, parts
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    given = list(sys.argv if args is None else args)
-    own, ros_args = _split(given[1:])
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='pmcl_bringup', description=__doc__)
     parser.add_argument('--params-file', type=Path, help='parameters of the nodes, YAML')
     parser.add_argument('--processes', action='store_true', help='one process for each node')
@@ -133,6 +130,14 @@ def main(args: Sequence[str] | None = None) -> int:
                         'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    given = list(sys.argv if args is None else args)
+    own, ros_args = _split(given[1:])
+    parser = _parser()
     options = parser.parse_args(own)
     if options.respawn and not (options.processes and options.autostart):
         parser.error('--respawn needs --processes, and autostart')
