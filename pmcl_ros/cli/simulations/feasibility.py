@@ -72,8 +72,8 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
                err=True)
     one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)
     begun = time.perf_counter()
-    for number, done in enumerate(processed('scenes', one, to_make + to_search, jobs,
-                                               backend, scheduler)):
+    for number, done in enumerate(processed('scenes', one, to_make + to_search, jobs, backend,
+                                            scheduler)):
         taken = time.perf_counter() - begun
         searching = sum(each.seconds for each in done) if to_make else taken
         left = (len(to_make) * taken + len(to_search) * searching) / jobs - taken
