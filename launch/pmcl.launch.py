@@ -3,8 +3,8 @@
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
 grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
 of lytro_driver and subaperture_node), views (rest, service or plan: sweep_driver is started
-likewise, to collect posed views), lytro (true, with views: of the centre views of a Lytro, so that
-lytro_driver and subaperture_node are started too), pose (the topic on which the pose is published,
+likewise, to collect posed views; fixed: fixed_cameras is), lytro (true, with views: of the centre
+views of a Lytro, so that lytro_driver and subaperture_node are started too), pose (the topic on which the pose is published,
 and on which grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started
 again and taken to active).
 """
@@ -74,14 +74,14 @@ def start(context):
     if sweep and views:
         raise RuntimeError('sweep is for a light field, views for posed views: give one of them')
     lytro = LaunchConfiguration('lytro').perform(context).lower() == 'true'
-    if lytro and not views:
-        raise RuntimeError('lytro says what the views are of: give views too')
+    if lytro and views in ('', 'fixed'):
+        raise RuntimeError('lytro says what the views are of: give views too, of a moved camera')
     own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}],
            SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {'collect': views}]
            } if sweep or views else {}
     nodes = [node_of(entry, respawn, *own.get(entry.name, ()),
                      remappings=OF_LYTRO.items() if lytro and entry is SWEEP else ())
-             for entry in reversed(chain(bool(sweep or views), lytro))
+             for entry in reversed(chain(bool(sweep or views), lytro, views == 'fixed'))
              if entry.name not in without]
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
@@ -119,7 +119,8 @@ def generate_launch_description():
                               description='a plan, YAML: start sweep_driver with it, in place of '
                               'lytro_driver and subaperture_node'),
         DeclareLaunchArgument('views', default_value='', choices=['', *VIEWS],
-                              description='start sweep_driver likewise, to collect posed views'),
+                              description='start sweep_driver likewise, to collect posed views; '
+                              'fixed: fixed_cameras'),
         DeclareLaunchArgument('lytro', default_value='false', choices=['true', 'false'],
                               description='with views: of the centre views of a Lytro'),
         DeclareLaunchArgument('pose', default_value='pose',

@@ -164,6 +164,16 @@ def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
         launch['start'](given | {'sweep': 'plan.yaml'})
 
 
+def test_fixed_cameras_take_the_place_of_the_sweep_driver(launch):
+    given = {'without': 'dlv_node', 'autostart': 'false', 'grasps': '', 'sweep': '',
+             'views': 'fixed', 'lytro': 'false', 'respawn': 'false'}
+    nodes = {each.name: each for each in launch['start'](given)}
+    assert list(nodes) == ['pmcl_node', 'fixed_cameras']
+    assert nodes['pmcl_node'].parameters[1] == {'source': 'posed_views'}
+    with pytest.raises(RuntimeError, match='of a moved camera'):
+        launch['start'](given | {'lytro': 'true'})
+
+
 def test_posed_views_can_be_the_centre_views_of_a_lytro(launch):
     given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
              'lytro': 'true', 'respawn': 'false'}

@@ -25,7 +25,8 @@ from pmcl_ros.runtime.errors import PmclError
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
-    entries = [entry for entry in chain(bool(options.sweep or options.views), options.lytro)
+    entries = [entry for entry in chain(bool(options.sweep or options.views), options.lytro,
+                                        options.views == 'fixed')
                if entry.name not in options.without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
@@ -123,7 +124,8 @@ def _parser() -> argparse.ArgumentParser:
                         'with this plan, YAML (pmcl sweep plan)')
     parser.add_argument('--views', choices=VIEWS, help='start sweep_driver likewise, for posed '
                         'views: where the camera comes to rest, at each call of ~/take, or at the '
-                        'poses of a plan, which the parameter plan names')
+                        'poses of a plan, which the parameter plan names; fixed: start '
+                        'fixed_cameras instead, for those of several cameras at rest')
     parser.add_argument('--lytro', action='store_true', help='with --views: of the centre views '
                         'of a Lytro, so that lytro_driver and subaperture_node are started too')
     parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
@@ -151,11 +153,12 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.sweep and options.views:
         parser.error('--sweep is for a light field, --views for posed views: give one of them')
     if options.lytro:
-        if not options.views:
-            parser.error('--lytro says what the views are of: give --views too')
+        if options.views in (None, 'fixed'):
+            parser.error('--lytro says what the views are of: give --views too, of a moved camera')
         for name, heard in OF_LYTRO.items():
             ros_args += ['--ros-args', '-r', f'{SWEEP.name}:{name}:={heard}', '--']
-    collect, source = options.views, 'posed_views' if options.views else None
+    collect = None if options.views == 'fixed' else options.views
+    source = 'posed_views' if options.views else None
     if options.sweep:  # whatever a parameter file says
         collect, source = 'grid', 'light_field'
     own_values = {GRASPS.name: {'grasps': options.grasps},

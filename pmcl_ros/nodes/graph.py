@@ -32,18 +32,24 @@ GRASPS = NodeEntry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
 # In place of lytro_driver and subaperture_node, where a camera is moved instead: when bring-up and
 # launch get a plan of its sweep, or when it is to collect posed views.
 SWEEP = NodeEntry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
-VIEWS = ('rest', 'service', 'plan')  # when it takes a posed view
-ALL = (*NODES, GRASPS, SWEEP)
+# Likewise, where several cameras are at rest: when bring-up and launch get `fixed` for views.
+FIXED = NodeEntry('fixed_cameras', 'pmcl_ros.nodes.fixed_cameras', 'FixedCameras')
+# When sweep_driver takes a posed view; fixed: fixed_cameras takes them.
+VIEWS = ('rest', 'service', 'plan', 'fixed')
+ALL = (*NODES, GRASPS, SWEEP, FIXED)
 # What it listens to where a Lytro is moved: the centre views.
 OF_LYTRO = {'image': 'center/image', 'camera_info': 'center/camera_info'}
 
 
-def chain(moved: bool, lytro: bool = False) -> tuple[NodeEntry, ...]:
+def chain(moved: bool, lytro: bool = False, fixed: bool = False) -> tuple[NodeEntry, ...]:
     """The nodes up to a pose, in the order of the data.
 
     moved: pictures are of a camera that is moved. lytro: which is a Lytro, decoded as ever.
+    fixed: pictures are of several cameras at rest.
     """
     decoding, rest = NODES[:2], NODES[2:]
+    if fixed:
+        return FIXED, *rest
     return (*decoding, SWEEP, *rest) if lytro else (SWEEP, *rest) if moved else NODES
 
 
@@ -84,9 +90,10 @@ _POSE, _POSES = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseArray'
 _MARKERS, _SPREAD = ('visualization_msgs/msg/MarkerArray',
                      'geometry_msgs/msg/PoseWithCovarianceStamped')
 _DRIVER, _VIEWS, _DLV = 'lytro_driver', 'subaperture_node', 'dlv_node'
-_PMCL, _GRASP, _SWEEP = 'pmcl_node', 'grasp_node', 'sweep_driver'
+_PMCL, _GRASP, _SWEEP, _FIXED = 'pmcl_node', 'grasp_node', 'sweep_driver', 'fixed_cameras'
 
 _LIGHT_FIELD = (_VIEWS, _SWEEP)
+_POSED = (_SWEEP, _FIXED)
 
 # In the order of the data, and of publication within a node.
 TOPICS = (
@@ -98,6 +105,11 @@ TOPICS = (
                'of an ordinary camera on the arm'),
     TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP,),
                'its pictures, where `reliable` is false: best effort'),
+    *(TopicEntry(f'{camera}/{name}', kind, SMALL, ('a camera',), (_FIXED,), what)
+      for camera in ('left', 'right') for name, kind, what in (
+          ('camera_info', _INFO, 'of one of `cameras`'),
+          ('image_raw', _IMAGE, 'its pictures; where `rectified` is true, `image_rect`; where '
+           '`reliable` is false, best effort'))),
     TopicEntry('center/camera_info', _INFO, SMALL, _LIGHT_FIELD, (_PMCL,),
                'pinhole of the centre view'),
     TopicEntry('center/image', _IMAGE, SMALL, _LIGHT_FIELD, (_PMCL,),
@@ -108,15 +120,15 @@ TOPICS = (
                'a pixel for each view, 32FC3: weight, position x and y [view steps]'),
     TopicEntry('views', _IMAGE, BIG, _LIGHT_FIELD, (_DLV,),
                'mosaic of all views, rgb16, linear, 32768 = sensor white'),
-    TopicEntry('posed_views/camera_info', _INFO, SMALL, (_SWEEP,), (_DLV, _PMCL),
+    TopicEntry('posed_views/camera_info', _INFO, SMALL, _POSED, (_DLV, _PMCL),
                'pinhole of every posed view'),
-    TopicEntry('posed_views/poses', _POSES, SMALL, (_SWEEP,), (_DLV, _PMCL),
+    TopicEntry('posed_views/poses', _POSES, SMALL, _POSED, (_DLV, _PMCL),
                'their cameras in the reference frame [m]'),
-    TopicEntry('posed_views/sigma', _IMAGE, SMALL, (_SWEEP,), (_DLV, _PMCL),
+    TopicEntry('posed_views/sigma', _IMAGE, SMALL, _POSED, (_DLV, _PMCL),
                'a row for each view, 32FC5: standard deviations of its pose [m], [rad], the share '
                'of their variance that its group shares, the number of its group, the standard '
                'deviation by which the object may have moved since [m]'),
-    TopicEntry('posed_views', _IMAGE, BIG, (_SWEEP,), (_DLV, _PMCL),
+    TopicEntry('posed_views', _IMAGE, BIG, _POSED, (_DLV, _PMCL),
                'the views one below the other, rgb16, gamma encoded, 65535 = white'),
     TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),
     TopicEntry('dlv/edges', _ARRAY, BIG, (_DLV,), (_PMCL,),

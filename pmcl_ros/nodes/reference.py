@@ -14,7 +14,16 @@ import yaml
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from pmcl_ros.nodes.graph import ALL, GRASPS, OPTIONAL, SERVICES, SWEEP, TOPICS, NodeEntry
+from pmcl_ros.nodes.graph import (
+    ALL,
+    FIXED,
+    GRASPS,
+    OPTIONAL,
+    SERVICES,
+    SWEEP,
+    TOPICS,
+    NodeEntry,
+)
 from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
 from pmcl_ros.runtime.settings import default_of
 
@@ -36,7 +45,8 @@ _SHIPPED: dict[str, dict[str, Any]] = {
 
 # What starts the nodes that are no part of the chain.
 _ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/howto/grasping.md',
-              SWEEP.name: 'a plan (--sweep, sweep:=): docs/howto/sweep.md'}
+              SWEEP.name: 'a plan (--sweep, sweep:=): docs/howto/sweep.md',
+              FIXED.name: 'fixed cameras (--views fixed, views:=fixed): docs/howto/tracking.md'}
 
 _REFERENCE = """\
 # Reference

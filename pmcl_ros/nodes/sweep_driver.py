@@ -3,7 +3,7 @@
 import sys
 import time
 from collections import deque
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
@@ -17,7 +17,7 @@ from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
-from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
+from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from
@@ -35,7 +35,6 @@ from pmcl_ros.runtime.errors import (
 )
 from pmcl_ros.runtime.resources import resolve
 
-Plan = TypeVar('Plan', SweepPlan, ViewPlan)
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _WAITING = 100  # images that may wait for a pose
@@ -74,10 +73,12 @@ class SweepDriver(StageNode):
             if not settings.plan:
                 raise SettingsError('collect is plan, and plan is empty: set it to a YAML file '
                                     'with `poses` (docs/howto/posed_views.md)')
-            self._planned = _in_frame(ViewPlan.load(resolve(settings.plan, 'plan')),
-                                      settings).cameras
+            wanted = ViewPlan.load(resolve(settings.plan, 'plan'))
+            check_frame(wanted, settings.fixed_frame, settings.plan)
+            self._planned = wanted.cameras
         elif settings.plan and settings.collect == 'grid':
-            plan = _in_frame(SweepPlan.load(resolve(settings.plan, 'plan')), settings)
+            plan = SweepPlan.load(resolve(settings.plan, 'plan'))
+            check_frame(plan, settings.fixed_frame, settings.plan)
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})
             self._middle = plan.middle
@@ -187,7 +188,8 @@ class SweepDriver(StageNode):
         self._frame_id = self._frame_id or header.frame_id
         if header.frame_id != self._frame_id:
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '
-                                  f'{self._frame_id!r}: a sweep is of one camera')
+                                  f'{self._frame_id!r}: a sweep is of one camera; '
+                                  'fixed_cameras takes several at rest')
         self._wanted -= asked
         self._waiting.append(_Waiting(name, header, message, self._lens, time.monotonic()))
         self._look.reset()
@@ -318,14 +320,6 @@ class SweepDriver(StageNode):
         if self._planned is not None and isinstance(self._collection, ViewCollection):
             self.health.extra['planned poses without a view'] = ', '.join(
                 map(str, self._collection.missing)) or 'none'
-
-
-def _in_frame(plan: Plan, settings: SweepDriverSettings) -> Plan:
-    """The plan; SettingsError where it is in another frame than the cameras."""
-    if plan.frame and plan.frame != settings.fixed_frame:
-        raise SettingsError(f'{settings.plan} is in frame {plan.frame!r}, the poses are in '
-                            f'fixed_frame {settings.fixed_frame!r}: change one')
-    return plan
 
 
 def main() -> int:

@@ -13,6 +13,7 @@ MODULES = {
     'dlv_node': 'pmcl_ros.nodes.dlv_node',
     'pmcl_node': 'pmcl_ros.nodes.pmcl_node',
     'sweep_driver': 'pmcl_ros.nodes.sweep_driver',
+    'fixed_cameras': 'pmcl_ros.nodes.fixed_cameras',
     'grasp_node': 'pmcl_ros.nodes.grasp_node',
     'pmcl_bringup': 'pmcl_ros.nodes.bringup',
     'pmcl_record': 'pmcl_ros.nodes.record',

@@ -26,7 +26,8 @@ def test_the_files_are_what_make_docs_writes(capsys, file, arguments):
 # Parameters with which a node listens to all that it can.
 ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml', 'arm': 'topic'},
          'pmcl_node': {'tracking': 'camera', 'track_camera': 'topic'},
-         'sweep_driver': {'poses': 'topic'}}
+         'sweep_driver': {'poses': 'topic'},
+         'fixed_cameras': {'camera_poses': f'{ROOT}/test/data/two_cameras.yaml'}}
 
 
 INSTALLED = [each for each in OPTIONAL if find_spec(each.type.partition('/')[0])]

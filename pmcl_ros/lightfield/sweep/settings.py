@@ -1,6 +1,6 @@
 """Parameters of sweeps and of the node that collects them."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,13 @@ from pydantic import Field, model_validator
 from pmcl_ros.lightfield.readers.pictures import Bits
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
+
+Shrink = Annotated[int, Field(ge=1, le=32, description='side of the squares of pixels that are '
+                              'averaged to one [px]')]
+Gamma = Annotated[float, Field(ge=0.1, le=10, description="exponent that linearises the images' "
+                               'values; 1: they are linear')]
+_Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
+_MOST_CAMERAS = 9
 
 
 class SweepSettings(Settings):
@@ -37,10 +44,8 @@ class SweepSettings(Settings):
     residual: float = Field(
         1.5, gt=0, le=100, description='largest median distance of tracked corners from the lines '
         "that a view's pose allows [px]")
-    shrink: int = Field(1, ge=1, le=32, description='side of the squares of pixels that are '
-                        'averaged to one [px]')
-    gamma: float = Field(2.2, ge=0.1, le=10, description="exponent that linearises the images' "
-                         'values; 1: they are linear')
+    shrink: Shrink = 1
+    gamma: Gamma = 2.2
     bits: Bits = 16
 
     @model_validator(mode='after')
@@ -115,6 +120,46 @@ class SweepDriverSettings(ViewSettings):
     at_once: bool = Field(True, description='start to collect on activation; false: on ~/start')
     auto_finish: bool = Field(True, description='publish as soon as the grid is complete; false: '
                               'on ~/finish')
+
+
+class FixedCameraSettings(Settings):
+    """Images of several cameras at rest -> PosedViews."""
+
+    cameras: tuple[_Name, ...] = Field(
+        ('left', 'right'), min_length=1, max_length=_MOST_CAMERAS, description='the cameras: of '
+        'each NAME the topics NAME/image_raw (where rectified, NAME/image_rect) and '
+        'NAME/camera_info. All views have the pinhole of the first one')
+    rectified: bool = Field(False, description='the images are rectified: P of camera_info '
+                            'applies')
+    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
+                           'effort, for cameras that offer no more')
+    camera_poses: str = Field('', description='path of YAML with `poses`: of each of `cameras`, '
+                              'in their order, optical frame to fixed_frame, 16 numbers; empty: '
+                              'the newest transforms on /tf, of the frames that the images name')
+    fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
+    slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
+                        'set of pictures; less than half the time between two sets [s]')
+    patience: float = Field(1.0, gt=0, le=100, description='longest wait of a picture for those '
+                            'of the other cameras, for camera_info and for its pose [s]')
+    period: float = Field(0.0, ge=0, le=1000, description='shortest time between two sets that '
+                          'are published; 0: all are [s]')
+    sigma_position: float = Field(
+        0.001, ge=0, le=1, description="standard deviation of the position of a camera's pose, "
+        'on each axis [m]')
+    sigma_rotation: float = Field(
+        0.0035, ge=0, le=3, description='of its rotation about each axis [rad]')
+    common: float = Field(
+        0.0, ge=0, le=1, description='share of these variances that all cameras have in common, '
+        'as where they were calibrated together, and then to the robot [1]')
+    shrink: Shrink = 1
+    gamma: Gamma = 2.2
+    bits: Bits = 16
+
+    @model_validator(mode='after')
+    def _different(self) -> 'FixedCameraSettings':
+        if len(set(self.cameras)) < len(self.cameras):
+            raise ValueError(f'cameras {", ".join(self.cameras)}: one is named twice')
+        return self
 
 
 def check_mounted(mount: NDArray[np.float64]) -> None:

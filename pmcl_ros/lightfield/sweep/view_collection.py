@@ -13,7 +13,7 @@ from pmcl_ros.lightfield.sweep.assemble import summary
 from pmcl_ros.lightfield.sweep.collection import MOST_BYTES, Frames
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.selection import distance, distances, moves
-from pmcl_ros.lightfield.sweep.settings import ViewSettings
+from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings, ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
@@ -169,15 +169,22 @@ class ViewCollection(Frames):
         return images + (len(self._views) + 1) * 12 * pinhole.width * pinhole.height
 
     def _view(self, frame: SweepFrame) -> PosedView:
-        settings = self._settings
         if self._pinhole is None:
             self._pinhole = frame.lens.pinhole
-        reduction = Reduction(1, settings.shrink)
-        picture = frame.lens.undistorted(encoded(frame.image, settings.gamma), self._pinhole)
-        return PosedView(Header(frame.stamp_ns, self._frame), reduction.shrunk(picture),
-                         reduction.pinhole(self._pinhole), frame.pose,
-                         (settings.sigma_position, settings.sigma_rotation), _GROUP,
-                         settings.common)
+        return posed_view(frame, self._pinhole, self._settings, self._frame, _GROUP)
+
+
+def posed_view(frame: SweepFrame, pinhole: Pinhole, settings: ViewSettings | FixedCameraSettings,
+               reference: str, group: str) -> PosedView:
+    """What a pinhole at the frame's place sees, shrunk, with the errors of poses in `settings`.
+
+    reference: the frame of the poses. group: of the views whose poses have errors in common.
+    """
+    reduction = Reduction(1, settings.shrink)
+    picture = frame.lens.undistorted(encoded(frame.image, settings.gamma), pinhole)
+    return PosedView(Header(frame.stamp_ns, reference), reduction.shrunk(picture),
+                     reduction.pinhole(pinhole), frame.pose,
+                     (settings.sigma_position, settings.sigma_rotation), group, settings.common)
 
 
 def _check_plan(planned: NDArray[np.float64], settings: ViewSettings) -> None:

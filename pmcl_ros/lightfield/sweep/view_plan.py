@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.posed_view import check_pose
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 _Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -33,3 +34,10 @@ class ViewPlan(Settings):
     def cameras(self) -> NDArray[np.float64]:
         """(n, 4, 4)."""
         return np.array(self.poses).reshape(-1, 4, 4)
+
+
+def check_frame(plan: ViewPlan | SweepPlan, fixed_frame: str, path: str) -> None:
+    """SettingsError where the plan that was read from `path` is in another frame."""
+    if plan.frame and plan.frame != fixed_frame:
+        raise SettingsError(f'{path} is in frame {plan.frame!r}, the poses are in fixed_frame '
+                            f'{fixed_frame!r}: change one')

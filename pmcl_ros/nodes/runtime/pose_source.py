@@ -147,14 +147,15 @@ class TfPoses:
 
     def nearest(self, stamp_ns: int, child_frame: str,
                 tolerance: float) -> NDArray[np.float64]:  # noqa: ARG002 -- tf2 interpolates
-        """The transform at a stamp; tf2 itself refuses times that it does not know."""
+        """The transform at a stamp, 0: the newest; tf2 itself refuses times it does not know."""
         child_frame, offset = self._mount or (child_frame, np.eye(4))
         try:
             found = self._buffer.lookup_transform(self._frame, child_frame,
                                                   Time(nanoseconds=stamp_ns))
         except self._tf.TransformException as error:
-            raise PoseUnavailableError(f'/tf has no {self._frame} -> {child_frame} at the capture '
-                                       f'{stamp_ns}: {error}') from error
+            when = f'at the capture {stamp_ns}' if stamp_ns else 'yet'
+            raise PoseUnavailableError(f'/tf has no {self._frame} -> {child_frame} {when}: {error}'
+                                       ) from error
         return transform_from(found)[2] @ offset
 
     def interpolated(self, stamp_ns: int, child_frame: str, gap: float) -> MovingPose | None:

@@ -1,0 +1,162 @@
+"""Images of several cameras at rest, whose poses are known -> PosedViews."""
+
+import sys
+import time
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.pictures import full_range
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
+from pmcl_ros.lightfield.sweep.view_collection import posed_view
+from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
+from pmcl_ros.messages.camera_info import lens_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import colours_from
+from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.nodes.runtime.pose_source import PoseNames, TfPoses, tf2
+from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.transport.approximate_synchronizer import ApproximateSynchronizer
+from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
+from pmcl_ros.nodes.view_outputs import posed_view_outputs
+from pmcl_ros.runtime.errors import MessageError, SettingsError
+from pmcl_ros.runtime.resources import resolve
+
+_GROUP = 'cameras'
+_CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
+_LOOK = 0.2  # s between two looks for pictures that have waited too long
+_MOST_WAITING, _MOST_BYTES = 100, 1 << 28  # pictures of a camera that wait for others; of all
+
+
+class _Waiting(NamedTuple):
+    """A picture that waits for those of the other cameras. came: on the monotonic clock."""
+
+    frame: SweepFrame
+    came: float
+
+
+class FixedCameras(StageNode):
+    """Joins the pictures of about one stamp and publishes each set as posed views."""
+
+    name = 'fixed_cameras'
+    settings_class = FixedCameraSettings
+
+    def set_up(self, settings: FixedCameraSettings) -> None:
+        """Read the poses, or prepare to listen to /tf."""
+        self._settings = settings
+        self._tf, self._poses = None, {}
+        if settings.camera_poses:
+            self._poses = _read_poses(settings)
+        elif tf2() is not None:
+            self._tf = TfPoses(self, _CAMERA, settings.fixed_frame)
+        else:
+            raise SettingsError('camera_poses is empty, and tf2_ros cannot be imported (it is '
+                                'part of a full ROS, not on PyPI): set it to a YAML file with '
+                                '`poses` (docs/howto/tracking.md)')
+        self._outputs = posed_view_outputs(self)
+
+    def start(self) -> None:
+        """Listen."""
+        settings = self._settings
+        self._lenses: dict[str, Lens] = {}
+        self._early: dict[str, Image] = {}  # the last picture of a camera without a lens
+        self._sets: ApproximateSynchronizer[_Waiting] = ApproximateSynchronizer(
+            settings.cameras, round(1e9 * settings.slop))
+        self._room = _MOST_WAITING
+        self._lines = RepeatedLines()
+        self._too_early = range(0)  # stamps [ns]: too soon after the last set (period)
+        self._posed = DeferredPublisher(self, self._outputs, '')
+        if self._tf is not None:
+            self._tf.start()
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE if settings.reliable
+                         else ReliabilityPolicy.BEST_EFFORT)
+        image = 'image_rect' if settings.rectified else 'image_raw'
+        for each in settings.cameras:
+            self.subscribe(CameraInfo, f'{each}/camera_info', partial(self._on_info, each), qos)
+            self.subscribe(Image, f'{each}/{image}', partial(self._on_image, each), qos)
+        self.every(_LOOK, self._join)
+
+    def _on_info(self, camera: str, message: CameraInfo) -> None:
+        self._lenses.pop(camera, None)  # where this is refused, the one before it is outdated
+        self._lenses[camera] = lens_from(message, self._settings.rectified)
+        if camera in self._early:
+            self._add(camera, self._early.pop(camera))
+
+    def _on_image(self, camera: str, message: Image) -> None:
+        self.health.frames_in += 1
+        self.health.count(f'pictures of {camera}')
+        if camera in self._lenses:
+            self._add(camera, message)
+            return
+        before = self._early.pop(camera, None)
+        self._early[camera] = message  # its camera_info may be on its way
+        if before is not None:
+            raise MessageError(f'no camera_info that can be used has come on {camera}/camera_info')
+
+    def _add(self, camera: str, message: Image) -> None:
+        """Add a picture to the sets; a PmclError where it cannot be used."""
+        header = header_from(message.header)
+        pose = (self._poses[camera] if self._tf is None
+                else self._tf.nearest(0, header.frame_id, 0))  # the newest: it does not move
+        frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, full_range(
+            colours_from(message), self._settings.bits), self._lenses[camera], pose)
+        self._sets.add(camera, frame.stamp_ns, _Waiting(frame, time.monotonic()))
+        self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (
+            len(self._settings.cameras) * frame.image.nbytes)))
+        self._join()
+
+    def _join(self) -> None:
+        """Publish the sets that are complete, the oldest first; give up those that will not be."""
+        while pictures := self._sets.oldest():
+            missing = [each for each in self._settings.cameras if each not in pictures]
+            waited = time.monotonic() - min(each.came for each in pictures.values())
+            if missing and not self._sets.decided and (
+                    self._sets.longest <= self._room and waited < self._settings.patience):
+                return
+            self._sets.pop()
+            frames = [each.frame for each in pictures.values()]
+            stamp_ns = max(each.stamp_ns for each in frames)
+            if missing:
+                self._give_up(stamp_ns, missing)
+            elif stamp_ns not in self._too_early:
+                self._too_early = range(stamp_ns, stamp_ns + round(1e9 * self._settings.period))
+                self._posed.publish(partial(self._views, frames), f'set {stamp_ns}')
+
+    def _give_up(self, stamp_ns: int, missing: list[str]) -> None:
+        reason = f'no usable picture of {" or ".join(missing)} within {self._settings.slop} s'
+        self.health.dropped += 1
+        self.health.warn(reason)
+        if line := self._lines(f'dropped set {stamp_ns}: {reason}'):
+            self.get_logger().warning(line)
+
+    def _views(self, frames: list[SweepFrame]) -> PosedViews:
+        settings, pinhole = self._settings, frames[0].lens.pinhole
+        return PosedViews(tuple(posed_view(each, pinhole, settings, settings.fixed_frame, _GROUP)
+                                for each in frames))
+
+
+def _read_poses(settings: FixedCameraSettings) -> dict[str, NDArray[np.float64]]:
+    """The pose (4, 4) of each camera; SettingsError where the file has others."""
+    plan = ViewPlan.load(resolve(settings.camera_poses, 'camera_poses'))
+    check_frame(plan, settings.fixed_frame, settings.camera_poses)
+    if len(plan.poses) != len(settings.cameras):
+        raise SettingsError(f'{settings.camera_poses} has {len(plan.poses)} poses, there are '
+                            f'{len(settings.cameras)} cameras ({", ".join(settings.cameras)}): '
+                            'give one for each, in this order')
+    return dict(zip(settings.cameras, plan.cameras, strict=True))
+
+
+def main() -> int:
+    """Entry point."""
+    return run(FixedCameras)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,305 @@
+"""Fixed cameras of different lenses give posed views of each moment, and a pose."""
+
+import re
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import rclpy
+import trimesh
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseStamped, Transform, TransformStamped, Vector3
+from harness import ACTIVATE, CONFIGURE, DEACTIVATE, ROOT, Process
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+from test_sweep_driver import BASE, SECOND, START
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
+from pmcl_ros.lightfield.sweep.view_collection import posed_view
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.pose import pose_from, pose_to_message
+from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
+from pmcl_ros.nodes.fixed_cameras import FixedCameras
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.render import seen_from
+
+TOPICS = ((CameraInfo, 'posed_views/camera_info', SMALL), (PoseArray, 'posed_views/poses', SMALL),
+          (Image, 'posed_views/sigma', SMALL), (Image, 'posed_views', BIG))
+MS = SECOND // 1000
+LENSES = {'left': OrdinaryCamera(width=240, height=180, fx=225, cx=121, cy=89),
+          'right': OrdinaryCamera(width=200, height=168, fx=190, cx=98, cy=85,
+                                  distortion=(-0.12, 0.03, 0.001, -0.001))}
+
+
+@pytest.fixture(scope='module')
+def scene():
+    rng = np.random.default_rng(4)
+    settings = SceneSettings(kinds=('opaque',), empty=0, outside=0, views=3,
+                             field=LENSES['left'].field)
+    return random_scene(rng, settings, sensor=LENSES['left'].sensor(rng))
+
+
+@pytest.fixture(scope='module')
+def frames(scene):
+    """What each camera takes of it, 4 ms one after the other, with its pose in the base frame."""
+    rng = np.random.default_rng(0)
+    poses = CameraPlan(arc=(2, 45)).cameras(scene)
+    return {name: SweepFrame(name, START + 4 * MS * number, take_picture(
+        replace(seen_from(scene, pose), sensor=camera.sensor(rng)), camera, rng, 2), camera.lens,
+        BASE @ pose) for number, ((name, camera), pose) in enumerate(
+            zip(LENSES.items(), poses, strict=True))}
+
+
+@pytest.fixture
+def settings(tmp_path, frames):
+    """The parameters of fixed_cameras."""
+    path = tmp_path / 'cameras.yaml'
+    path.write_text(yaml.safe_dump({'frame': 'base_link', 'poses': [
+        each.pose.ravel().tolist() for each in frames.values()]}))
+    return {'camera_poses': str(path), 'sigma_position': 0.002, 'common': 0.25, 'patience': 60.0}
+
+
+class Camera:
+    """A driver."""
+
+    def __init__(self, user, frame):
+        self.user, self.frame = user, frame
+        # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
+        self.image = user.publisher(Image, f'{frame.name}/image_raw', BIG)
+        self.info = user.publisher(CameraInfo, f'{frame.name}/camera_info', BIG)
+
+    def tell(self, distortion=None):
+        message = pinhole_to_message(Header(START, self.frame.name), self.frame.lens.pinhole)
+        message.d = list(self.frame.lens.distortion if distortion is None else distortion)
+        self.info.publish(message)
+        self.user.delivered(self.info)
+
+    def shoot(self, after=0, image=None):
+        """after: [ns]."""
+        image = self.frame.image if image is None else image
+        header = Header(self.frame.stamp_ns + after, self.frame.name)
+        self.image.publish(picture_to_message(header, image))
+        self.user.delivered(self.image)
+
+
+def sent_by(frames, settings, after=0):
+    """Posed views of these frames, as they go over the wire."""
+    pinhole = next(iter(frames.values())).lens.pinhole
+    return posed_views_to_messages(PosedViews(tuple(
+        posed_view(replace(each, stamp_ns=each.stamp_ns + after), pinhole,
+                   FixedCameraSettings(**settings), 'base_link', 'cameras')
+        for each in frames.values())))
+
+
+def equal(messages, expected):
+    """Whether they are the same but for the last digits of poses."""
+    np.testing.assert_allclose([each.camera_to_reference for each in
+                                posed_views_from(*messages).views],
+                               [each.camera_to_reference for each in
+                                posed_views_from(*expected).views], atol=1e-12)
+    info, poses, sigma, views = messages
+    return (info, sigma, views, poses.header) == (
+        expected.camera_info, expected.sigma, expected.views, expected.poses.header)
+
+
+def test_each_set_of_pictures_gives_posed_views_and_a_pose(tmp_path, user, scene, frames,
+                                                           settings):
+    target = scene.targets[0]
+    trimesh.Trimesh(target.vertices, target.faces, process=False).export(tmp_path / 'model.obj')
+    centre = BASE[:3, :3] @ target.roi_center + BASE[:3, 3]
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(yaml.safe_dump({
+        'fixed_cameras': {'ros__parameters': settings},
+        'pmcl_node': {'ros__parameters': {
+            'object': str(tmp_path / 'model.obj'), 'roi_center': centre.tolist(),
+            'roi_size': [0.12, 0.12, 0.12], 'proposals': 60, 'tracking': 'constant_velocity'}}}))
+    with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters, '--views',
+                 'fixed', '--processes', '--without', 'dlv_node') as chain:
+        user.wait(lambda: 'active: pmcl_node, fixed_cameras' in chain.log or not chain.alive(),
+                  'the chain')
+        cameras = [Camera(user, each) for each in frames.values()]
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        for number in range(2):
+            for each in cameras:
+                each.shoot(number * SECOND // 10)
+                each.tell()  # the first one comes after its picture
+            user.wait(lambda number=number: len(poses) == number + 1, 'a pose')
+    for number, messages in enumerate(zip(*came, strict=True)):
+        assert equal(messages, sent_by(frames, settings, number * SECOND // 10))
+    for number, message in enumerate(poses):
+        header, pose = pose_from(message)
+        assert header == Header(frames['right'].stamp_ns + number * SECOND // 10, 'base_link')
+        assert pose_error(pose, BASE @ target.pose, Symmetry(target.axis)).translation < 0.01
+    assert 'found in capture' in chain.log  # it is tracked
+
+
+def test_what_does_not_fit_is_told_once_and_the_next_set_is_published(tmp_path, user, frames,
+                                                                      settings):
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'patience': 3.0}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        left, right = (Camera(user, each) for each in frames.values())
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+
+        def value(key):
+            return {each.key: each.value for each in states[-1].status[0].values}.get(key)
+
+        left.tell()
+        for number in range(5):  # its camera_info does not come
+            right.shoot(number * SECOND)
+        user.wait(lambda: 'no camera_info that can be used has come on right/camera_info'
+                  in node.log, 'the reason')
+        right.tell(distortion=[0.1] * 3)
+        user.wait(lambda: 'plumb_bob distortion [0.1, 0.1, 0.1] has 3 coefficients' in node.log,
+                  'its refusal')
+        right.tell()
+
+        for number in range(10, 14):  # one is silent
+            left.shoot(number * SECOND)
+        user.wait(lambda: value('dropped') == '5', 'four pictures, and one of the right camera')
+        for number in range(20, 24):  # clocks differ
+            left.shoot(number * SECOND)
+            right.shoot(number * SECOND + 20 * MS)
+        user.wait(lambda: value('dropped') == '13', 'as many more, of each camera')
+        for number in range(30, 35):
+            right.shoot(number * SECOND, right.frame.image[::2, ::2])
+        right.shoot(40 * SECOND)
+        left.shoot(40 * SECOND)
+        user.wait(lambda: all(came), 'the views')
+        assert all(len(each) == 1 for each in came)
+        user.wait(lambda: value('frames out') == '1', 'its count')
+        assert int(value('pictures of left')) == 9
+        assert int(value('errors')) > 4
+
+        assert all(user.change('fixed_cameras', DEACTIVATE, ACTIVATE)), node.log
+        for each in (left, right):
+            user.wait(each.image.get_subscription_count, 'the subscriptions')
+            user.meet('fixed_cameras')
+            each.tell()
+        left.shoot(0)  # from the beginning, in another order
+        left.shoot(SECOND)
+        right.shoot(0)
+        right.shoot(SECOND)
+        user.wait(lambda: all(len(each) >= 2 for each in came), 'the views')
+        log = node.log
+    assert equal(next(zip(*came, strict=False)), sent_by(frames, settings, 40 * SECOND))
+    for reason in ('right/image_raw: no camera_info that can be used has come',
+                   'right/image_raw: frame .* has 100x84 px, its camera .* 200x168',
+                   'dropped set .*: no usable picture of right within 0.01 s',
+                   'dropped set .*: no usable picture of left within 0.01 s'):
+        assert 0 < len(re.findall(reason, log)) < 4, reason  # it came more often
+    published = [int(each) for each in re.findall(r'published set (\d+)', log)]
+    assert published == [frames['right'].stamp_ns + number * SECOND for number in (40, 0, 1)]
+    assert 'Traceback' not in log
+
+
+def test_sets_that_come_too_often_are_left_out(tmp_path, user, frames, settings):
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'period': 0.25}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        cameras = [Camera(user, each) for each in frames.values()]
+        infos = user.listen(CameraInfo, 'posed_views/camera_info', SMALL)
+        for each in cameras:
+            each.tell()
+        for number in (0, 1, 2, 3, 5, 6, -50):
+            for each in cameras:
+                each.shoot(number * SECOND // 10)
+        user.wait(lambda: len(infos) == 4, 'what is published')
+    assert [each.header.stamp.sec * 10 + each.header.stamp.nanosec // (SECOND // 10)
+            - START * 10 // SECOND for each in infos] == [0, 3, 6, -50]
+
+
+def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user, settings):
+    shipped = str(ROOT / 'test' / 'data' / 'two_cameras.yaml')
+    wrong = [({'cameras': ['left', 'left']}, 'cameras left, left: one is named twice'),
+             ({'cameras': ['left camera']}, 'String should match pattern'),
+             ({'cameras': ['a', 'b', 'c']}, 'has 2 poses, there are 3 cameras (a, b, c)'),
+             ({'fixed_frame': 'map'}, "is in frame 'base_link', the poses are in fixed_frame "
+              "'map'"),
+             ({'camera_poses': '/nowhere.yaml'}, 'there is no /nowhere.yaml')]
+    if find_spec('tf2_ros') is None:
+        wrong.append(({'camera_poses': ''}, 'camera_poses is empty, and tf2_ros cannot be'))
+    good = {'cameras': ['left', 'right'], 'fixed_frame': 'base_link', 'camera_poses': shipped}
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
+        for bad, reason in wrong:
+            assert user.set('fixed_cameras', **(good | bad)) == []
+            assert not user.change('fixed_cameras', CONFIGURE)
+            assert reason in node.log
+        assert user.set('fixed_cameras', **good) == []
+        assert user.change('fixed_cameras', CONFIGURE), node.log
+
+
+class Buffer:
+    """In the place of tf2's buffer, as tf2_ros is not on PyPI: it has poses in base_link."""
+
+    known: ClassVar = {}
+
+    def __init__(self, cache):
+        assert cache.nanoseconds > 0
+
+    def lookup_transform(self, frame, child, time):
+        assert (frame, time.nanoseconds) == ('base_link', 0)
+        if child not in self.known:
+            raise ValueError(f'{child} does not exist')
+        pose = pose_to_message(self.known[child])
+        at = pose.position
+        return TransformStamped(child_frame_id=child, transform=Transform(
+            translation=Vector3(x=at.x, y=at.y, z=at.z), rotation=pose.orientation))
+
+
+@pytest.fixture
+def on_tf(user, settings, monkeypatch):
+    """The parameters of an active node in this process, which listens to /tf."""
+    listener = SimpleNamespace(unregister=lambda: None)
+    monkeypatch.setitem(sys.modules, 'tf2_ros', SimpleNamespace(
+        Buffer=Buffer, TransformListener=lambda *_: listener, TransformException=ValueError))
+    monkeypatch.setattr(Buffer, 'known', {})
+    values = settings | {'camera_poses': ''}
+    context = Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    node = FixedCameras(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in values.items()])
+    executor.add_node(node)
+    user.others.append(executor)
+    assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+    yield values
+    user.others.clear()
+    executor.shutdown()
+    node.close()
+    rclpy.shutdown(context=context)
+
+
+def test_poses_come_from_tf_by_the_frames_of_the_pictures(user, frames, on_tf):
+    cameras = [Camera(user, each) for each in frames.values()]
+    came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    for each in cameras:
+        each.tell()
+        each.shoot()
+    user.wait(lambda: states and '/tf has no base_link -> right yet: right does not exist' in str(
+        states[-1].status[0].message), 'the reason')
+    Buffer.known |= {each.name: each.pose for each in frames.values()}
+    for each in cameras:
+        each.shoot(SECOND)
+    user.wait(lambda: all(came), 'the views')
+    assert equal([each[0] for each in came], sent_by(frames, on_tf, SECOND))
