@@ -33,6 +33,15 @@ class Pinhole:
         """The 3x3 camera matrix K."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
+    @property
+    def off_middle(self) -> float:
+        """How far the principal point is from the picture's middle, in shares of its side.
+
+        The larger of both axes; more than 0.5: it is outside of the picture.
+        """
+        return max(abs(self.cx - (self.width - 1) / 2) / self.width,
+                   abs(self.cy - (self.height - 1) / 2) / self.height)
+
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Pixels (..., 2) of points (..., 3) in the optical frame [m]; NaN behind the camera."""
         points = np.asarray(points, float)

@@ -17,6 +17,12 @@ def test_project_by_example():
                                [[29.5, 4.5], [19.5, 14.5]])
 
 
+@pytest.mark.parametrize(('cx', 'cy', 'off'), [
+    (19.5, 14.5, 0), (-0.5, 14.5, 0.5), (19.5, 29.5, 0.5), (39.5, 8.5, 0.5), (29.5, 8.5, 0.25)])
+def test_the_principal_point_is_as_far_off_as_the_picture_s_side_tells(cx, cy, off):
+    assert Pinhole(40, 30, 200.0, 100.0, cx, cy).off_middle == off
+
+
 @settings(deadline=None)
 @given(POINTS)
 def test_project_is_the_matrix(point):

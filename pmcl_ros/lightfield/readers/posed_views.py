@@ -1,7 +1,9 @@
 """Pictures of ordinary cameras with known poses: `views.yaml`."""
 
+import logging
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,9 +22,11 @@ from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_yaml_file
 
 NAME = 'views.yaml'
+_LOG = logging.getLogger(__name__)
 _NPZ = '.npz'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
+_FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
 
 
 class ViewCamera(CameraEntry):
@@ -134,7 +138,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
     folder: that their files are relative to. name: of the list, for errors. Pictures are PNG,
     JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
-    Raises SettingsError or LightFieldError saying which file or value is wrong.
+    A warning tells of a principal point far from the middle. Raises SettingsError or
+    LightFieldError saying which file or value is wrong.
     """
     if reduction.every != 1:
         raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
@@ -150,7 +155,20 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
             f'pixels, at most {_MOST_PIXELS / 1e6:.1f} are read, and need {size / 2 ** 20:.0f} '
             f'MiB, at most {MOST_BYTES // 2 ** 20}: shrink them (--shrink '
             f'{math.ceil(shrink * math.sqrt(excess))})' + (', or take fewer' * (len(pixels) > 1)))
+    odd = {each.camera: of.cameras[each.camera].pinhole for each in of.views
+           if each.camera and of.cameras[each.camera].pinhole.off_middle > _FAR_OFF}
+    if odd:
+        camera, pinhole = next(iter(odd.items()))
+        _tell_odd(camera, pinhole, len(odd) - 1)
     return tuple(_view(folder, each, of, reduction) for each in of.views)
+
+
+@cache  # captures of one camera are many
+def _tell_odd(camera: str, pinhole: Pinhole, others: int) -> None:
+    _LOG.warning('camera %r%s: the principal point (%g, %g) is far from the middle of %dx%d: is '
+                 'the calibration of another resolution?', camera,
+                 f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
+                 pinhole.height)
 
 
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:

@@ -166,11 +166,15 @@ def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
         else:
             seen[number] = region
     if not seen:
+        odd = next((each for each, _ in cameras if each.off_middle > 0.5), None)
         raise LocalizationError(
             f'none of the {len(cameras)} views sees the region of interest at '
             f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
-            f'{frame_id!r}: are poses and region of the same frame, in metres, and the poses '
-            'from the camera (z forward) to that frame?')
+            f'{frame_id!r}: ' + (
+                'are poses and region of the same frame, in metres, and the poses from the camera '
+                '(z forward) to that frame?' if odd is None else
+                f'the principal point ({odd.cx:g}, {odd.cy:g}) is outside of {odd.width}x'
+                f'{odd.height} px: is the calibration of another resolution?'))
     return seen
 
 

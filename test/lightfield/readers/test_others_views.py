@@ -207,6 +207,21 @@ def test_a_bop_scene_is_the_same_views(tmp_path):
     assert read_source(folder).header.frame_id == 'bop'
 
 
+def test_cameras_of_another_resolution_are_told_in_one_line(tmp_path, caplog):
+    path = bop(tmp_path / 'scene') / 'scene_camera.json'
+    path.write_text(path.read_text().replace('23.25', '46.5').replace('17.5', '35'))
+    read_source(path.parent)
+    assert caplog.messages == [
+        f"camera '0' and 2 more: the principal point (46.5, 35) is far from the middle of "
+        f'{WIDTH}x{HEIGHT}: is the calibration of another resolution?']
+    caplog.clear()
+    read_source(colmap(tmp_path / 'model', parameters=[80, 82, 47, 35.5, *DISTORTION]),
+                metric=Metric(2.5))
+    assert caplog.messages == [
+        f"camera '7': the principal point (46.5, 35) is far from the middle of {WIDTH}x{HEIGHT}: "
+        'is the calibration of another resolution?']
+
+
 def test_a_scene_s_pictures_may_be_called_in_capitals(tmp_path):
     folder = bop(tmp_path / 'scene')
     expected = read_source(folder)

@@ -70,6 +70,17 @@ def test_a_camera_of_few_bits_is_as_bright_as_another(tmp_path, caplog, bits):
         read_source(folder)
 
 
+@pytest.mark.parametrize(('cx', 'odd'), [
+    (18.0, False), (17.0, True), (43.0, True), (41.0, False), (-9.0, True)])
+def test_a_calibration_of_another_resolution_is_told_once(tmp_path, caplog, cx, odd):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8), cx=cx)
+    for _ in range(2):
+        assert read_source(folder).pinhole.cx == cx  # a cropped picture may have it
+    assert caplog.messages == odd * [
+        f"camera 'wrist': the principal point ({cx:g}, 21) is far from the middle of "
+        f'{WIDTH}x{HEIGHT}: is the calibration of another resolution?']
+
+
 def test_grey_and_jpeg_are_pictures_too(tmp_path):
     grey = whole(VALUES[..., 0], 255, np.uint8)
     view = read_source(write(tmp_path / 'grey', grey))

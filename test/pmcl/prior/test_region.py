@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.prior.region import Box, Region, with_region
+from pmcl_ros.pmcl.prior.region import Box, Region, regions_before, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, SettingsError
 
@@ -50,6 +50,16 @@ def test_footprint_is_the_projection_of_a_slice():
     assert right == pytest.approx(300 * 0.07 / 0.4 + 101)
     assert top == pytest.approx(260 * -0.04 / 0.4 + 73)
     assert bottom == pytest.approx(260 * 0.02 / 0.4 + 73)
+
+
+@pytest.mark.parametrize(('pinhole', 'question'), [
+    (CAMERA, 'are poses and region of the same frame, in metres'),
+    (Pinhole(100, 75, 300, 260, 101, 73), r'the principal point \(101, 73\) is outside of '
+     r'100x75 px: is the calibration of another resolution\?$')])
+def test_where_no_view_sees_the_region_the_likely_reason_is_asked_for(pinhole, question):
+    with pytest.raises(LocalizationError, match=f'none of the 2 views sees .*: {question}'):
+        regions_before([(pinhole, np.eye(4))] * 2, PmclSettings(roi_center=(-0.6, -0.6, 0.5)),
+                       0.05, 'base')
 
 
 @settings(max_examples=150, deadline=None)
