@@ -21,6 +21,7 @@ from pmcl_ros.runtime.text_file import read_yaml_file
 T = TypeVar('T', bound='Settings')
 
 _NAMED = 5  # fields that one line names
+_FEW_KEYS = 20  # of a group, which one line lists
 
 
 def _odd(value: int) -> int:
@@ -58,7 +59,9 @@ def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str
     lines = [_line(first, model) + (f' and {len(others)} more like it' if others else '')
              for first, *others in groups[:_NAMED]]
     more = sum(map(len, groups[_NAMED:]))
-    return '; '.join([*lines, f'and {more} more'] if more else lines)
+    lines += [f'and {more} more'] if more else []
+    lines += filter(None, dict.fromkeys(_known(first, model) for first, *_ in groups[:_NAMED]))
+    return '; '.join(lines)
 
 
 def _model_at(model: Any, place: Sequence[object]) -> type[BaseModel] | None:
@@ -74,13 +77,28 @@ def _model_at(model: Any, place: Sequence[object]) -> type[BaseModel] | None:
     return _model_at(inner[-1 if get_origin(model) is dict else 0], place[1:]) if inner else None
 
 
+def _keys(error: ErrorDetails, model: type[BaseModel] | None) -> Sequence[str]:
+    """The keys that there are in place of an unknown one; of other errors none."""
+    owner = error['type'] == 'extra_forbidden' and model and _model_at(model, error['loc'][:-1])
+    return list(owner.model_fields) if owner else []
+
+
+def _alike(error: ErrorDetails, keys: Sequence[str]) -> list[str]:
+    return get_close_matches(str(error['loc'][-1])[:80], keys, 1) if keys else []
+
+
+def _known(error: ErrorDetails, model: type[BaseModel] | None) -> str:
+    """The keys that there are, where an unknown one is like none of them and they are few."""
+    keys = _keys(error, model)
+    return (f'the keys are {", ".join(keys)}'
+            if 0 < len(keys) <= _FEW_KEYS and not _alike(error, keys) else '')
+
+
 def _line(error: ErrorDetails, model: type[BaseModel] | None) -> str:
     message = error['msg'].removeprefix('Value error, ')
     if error['type'] == 'extra_forbidden':
-        owner = model and _model_at(model, error['loc'][:-1])
-        alike = get_close_matches(str(error['loc'][-1])[:80],
-                                  owner.model_fields if owner else (), 1)
-        message = 'there is no such key' + ''.join(f'; did you mean {each}?' for each in alike)
+        message = 'there is no such key' + ''.join(
+            f'; did you mean {each}?' for each in _alike(error, _keys(error, model)))
     if error['type'] == 'missing' and isinstance(error['loc'][-1], int):
         return (f'{".".join(map(str, error["loc"][:-1]))}: number {error["loc"][-1] + 1} is '
                 f'missing (got {_SHORT.repr(error["input"])})')

@@ -79,6 +79,9 @@ class ViewEntry(Settings):
         if isinstance(value, list) and [len(row) for row in value if isinstance(row, list)] == [
                 4, 4, 4, 4] and len(value) == _ROWS:
             return [each for row in value for each in row]
+        if isinstance(value, list) and (len(value) == 12 or [
+                len(row) for row in value if isinstance(row, list)] == [4, 4, 4]):
+            raise ValueError('it is 3x4, expected 4x4, row by row: add 0, 0, 0, 1')
         return value
 
     @property

@@ -218,7 +218,10 @@ def camera(**values):
     ({'views': []}, 'views: .*at least 1'),
     ({'cameras': {}}, "of the camera 'wrist', cameras has none"),
     (view(camera='arm'), "is of the camera 'arm', cameras has wrist"),
-    (view(pose=[1]), 'views.0.pose: there is no such key'),
+    (view(pose=[1], place=[2]), r'views.0.place: there is no such key; views.0.pose: there is no '
+     r'such key; the keys are file, camera, camera_to_reference, [a-z_, ]*, common$'),
+    (view(camera_to_reference=np.eye(4)[:3].tolist()), '4x4, row by row: add 0, 0, 0, 1'),
+    (view(mount_to_base=[0.0] * 12), 'mount_to_base: .*4x4, row by row: add 0, 0, 0, 1'),
     (view(camera_to_reference=[1.0] * 15), 'camera_to_reference: .*16'),
     (view(camera_to_reference=(1.002 * np.eye(4)).ravel().tolist()), 'is no pose'),
     (view(camera_to_reference=np.diag([1.002, 1, 1, 1]).ravel().tolist()), 'is no rotation'),
