@@ -35,6 +35,7 @@ _TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 _TF, _TF_STATIC = '/tf', '/tf_static'
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
 _Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
+_APART = 1_000_000_000  # ns: recordings of images and poses begin and end together, nearly
 
 
 class BagViews(SweepDriverSettings):
@@ -55,8 +56,8 @@ def has_images_with_poses(bag: Path | str) -> bool:
 def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
     """A view of each place where the camera came to rest, in the frame of the poses.
 
-    A warning says which frames were left out. Raises BagError where topics are missing or hold
-    what they should not, and where there is no view.
+    The log says which frames were left out, a warning if motion was not the reason. Raises
+    BagError where topics are missing or hold what they should not, and where there is no view.
     """
     there = topics(bag)
     image = _chosen(bag, settings.image_topic, _images(there), 'image', '--image-topic')
@@ -65,31 +66,46 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
         raise BagError(f'{bag} has no {info} (CameraInfo) beside {image}: record it too')
     pose = _chosen(bag, settings.pose_topic, _pose_topics(there), 'camera_pose', '--pose-topic')
     try:
-        frame, poses = _tf(bag, settings) if pose == _TF else _stamped(bag, pose, settings)
+        frame, poses, posed = (_tf(bag, settings) if pose == _TF
+                               else _stamped(bag, pose, settings))
         collection = ViewCollection(settings, frame)
-        _collect(bag, image, info, poses, collection, settings)
+        taken = _collect(bag, image, info, poses, collection, settings)
+        if not collection.frames:
+            _check_clocks(taken, posed)
         found = collection.assemble()
     except PmclError as error:
         raise BagError(f'{bag}: {error}') from None
     if found.left_out:
-        _LOG.warning('%s: %s', bag, found.describe())
+        usual = all(each.spare or each.moved for each in found.left_out)
+        _LOG.log(logging.INFO if usual else logging.WARNING, '%s: %s', bag, found.describe())
     return found.source
 
 
+def _check_clocks(taken: Sequence[int], posed: Sequence[int]) -> None:
+    """Raise LightFieldError where stamps of images and of poses [ns] are of different times."""
+    if taken and posed and min(taken) > 0 and (
+            max(taken) + _APART < min(posed) or max(posed) + _APART < min(taken)):
+        raise LightFieldError(
+            f'the clocks of images and poses differ by {abs(min(posed) - min(taken)) / 1e9:.0f} '
+            's: no pose is of the time of an image; stamp both by one clock and record again')
+
+
 def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: ViewCollection,
-             settings: BagViews) -> None:
+             settings: BagViews) -> list[int]:
+    """Fill the collection; returns the stamps of the images [ns]."""
+    stamps: list[int] = []
     first = next(read(bag, (info,)), None)
     if first is None:
         raise MessageError(f'there is no message of {info}: the bag is damaged')
     lens = _lens(first, settings)
-    number = 0
     for each in read(bag, (image, info)):
         if each.topic == info:
             lens = _lens(each, settings)
             continue
         message = message_of(each, _IMAGE if each.type == _IMAGE else _COMPRESSED)
-        number += 1
-        name, header = f'frame {number}', header_from(message.header)
+        header = header_from(message.header)
+        stamps.append(header.stamp_ns)
+        name = f'frame {len(stamps)}'
         try:
             moving = poses(header)
         except PoseUnavailableError as error:
@@ -112,7 +128,8 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
             collection.add(frame)
         except LightFieldError as error:  # no room: what is there is enough to go on with
             _LOG.warning('%s: %s; the views before it are taken', bag, error)
-            return
+            break
+    return stamps
 
 
 def _lens(info: Recorded, settings: BagViews) -> Lens | str:
@@ -123,10 +140,13 @@ def _lens(info: Recorded, settings: BagViews) -> Lens | str:
         return str(error)
 
 
-def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Poses]:
-    """The frame of a topic of PoseStamped, and its poses, those of the camera by its mount."""
+def _stamped(bag: Path | str, topic: str, settings: BagViews
+             ) -> tuple[str, _Poses, list[int]]:
+    """The frame of a topic of PoseStamped, its poses, those of the camera by its mount, and their
+    stamps [ns].
+    """
     mount = transform(settings.mount_position, settings.mount_rpy)
-    buffer = PoseBuffer(None)
+    buffer, stamps = PoseBuffer(None), []
     frame = settings.fixed_frame if 'fixed_frame' in settings.model_fields_set else ''
     for each in read(bag, (topic,)):
         header, pose = pose_from(message_of(each, _POSE))
@@ -135,18 +155,22 @@ def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Pos
             raise LightFieldError(f'{topic} is in frame {header.frame_id!r} at {header.stamp_ns}, '
                                   f'expected {frame!r}: give all poses in one frame')
         buffer.add(header.stamp_ns, pose @ mount)
-    return frame, lambda header: buffer.interpolated(header.stamp_ns, settings.gap)
+        stamps.append(header.stamp_ns)
+    return frame, lambda header: buffer.interpolated(header.stamp_ns, settings.gap), stamps
 
 
-def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses]:
-    """The fixed frame, and the poses of the camera in it, from /tf and /tf_static."""
+def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses, list[int]]:
+    """The fixed frame, the poses of the camera in it, from /tf and /tf_static, and the stamps of
+    what moves [ns].
+    """
     mount = transform(settings.mount_position, settings.mount_rpy)
-    tree = TransformTree()
+    tree, stamps = TransformTree(), []
     for each in read(bag, (_TF, _TF_STATIC)):
         for one in message_of(each, _TRANSFORMS).transforms:
             header, child, pose = transform_from(one)
-            tree.add(header.frame_id, child, pose,
-                     None if each.topic == _TF_STATIC else header.stamp_ns)
+            fixed = each.topic == _TF_STATIC
+            tree.add(header.frame_id, child, pose, None if fixed else header.stamp_ns)
+            stamps += [] if fixed else [header.stamp_ns]
     if settings.mount_parent:
         tree.add(settings.mount_parent, _CAMERA, mount)
     else:
@@ -155,7 +179,7 @@ def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses]:
     def at(header: Header) -> MovingPose | None:
         camera = _CAMERA if settings.mount_parent else settings.camera_frame or header.frame_id
         return tree.interpolated(header.stamp_ns, settings.fixed_frame, camera, settings.gap)
-    return settings.fixed_frame, at
+    return settings.fixed_frame, at, stamps
 
 
 def _images(there: Sequence[Topic]) -> list[str]:

@@ -1,5 +1,6 @@
 """A robot's bag of images and camera poses is the views of where its camera rested."""
 
+import logging
 from array import array
 from dataclasses import dataclass
 
@@ -57,6 +58,7 @@ class Robot:
 
     camera: str = '/wrist'
     frame: str = 'base_link'
+    clock: float = 0  # s: ahead of the time
 
     def images(self, compressed=False, first=0.05, last=2.6, bits=8):
         for seconds in np.arange(first, last, 0.1):
@@ -80,11 +82,15 @@ class Robot:
             setattr(message, name, value)
         return recorded(f'{self.camera}/camera_info', message, header)
 
-    def poses(self, topic='/camera_pose', mount=None, last=3.0):
-        """PoseStamped of the camera, or of the link that it is on by a mount (4, 4)."""
+    def poses(self, topic='/camera_pose', mount=None, last=3.0, unit=1):
+        """PoseStamped of the camera, or of the link that it is on by a mount (4, 4).
+
+        unit: of the lengths in the bag, in 1/m.
+        """
         for seconds in np.arange(0, last, 0.04):
             header = self.header(seconds)
             pose = camera_at(seconds) @ np.linalg.inv(np.eye(4) if mount is None else mount)
+            pose[:3, 3] *= unit
             yield recorded(topic, PoseStamped(header=header_to_message(header),
                                               pose=pose_to_message(pose)), header)
 
@@ -99,7 +105,7 @@ class Robot:
             yield transforms('/tf', header, [('torso', 'wrist', wrist)])
 
     def header(self, seconds, frame=None):
-        return Header(START + round(seconds * SECOND), frame or self.frame)
+        return Header(START + round((self.clock + seconds) * SECOND), frame or self.frame)
 
 
 def recorded(topic, message, header):
@@ -164,9 +170,38 @@ def test_frames_that_are_left_out_are_told_in_one_line(tmp_path, caplog):
     read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(first=1.45), ROBOT.poses(last=2.3)))
     line, = caplog.messages
     assert '2 posed views in base_link; left out: frame 3: moved by 2.5 px' in line
+    assert line.count('moved by') == 1
     assert 'frame 10: no pose of its time, or later, is there' in line
     assert line.endswith('3 of places with a better one')
     assert '\n' not in line
+
+
+def test_an_arm_that_moves_between_places_is_no_warning(tmp_path, caplog):
+    with caplog.at_level(logging.INFO):
+        assert_rests(read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses())))
+    line, = [each for each in caplog.records if 'left out' in each.message]
+    assert line.levelno == logging.INFO
+    assert len(line.message) < 300
+
+
+@pytest.mark.parametrize('make', [ROBOT.poses, ROBOT.tf])
+@pytest.mark.parametrize('late', [-100, 100])
+def test_clocks_that_differ_are_told(tmp_path, make, late):
+    images = Robot(clock=late).images()
+    with pytest.raises(BagError, match='the clocks of images and poses differ by 100 s'):
+        read_bag(bag_of(tmp_path, ROBOT.info(), images, make()))
+
+
+def test_poses_in_millimetres_are_asked_for_once(tmp_path, caplog):
+    read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses(unit=1000)))
+    line, = caplog.messages
+    assert line.count('are the poses in millimetres, not metres?') == 1
+
+
+def test_a_calibration_of_another_resolution_is_told_once(tmp_path):
+    with pytest.raises(BagError, match=r'there is no view: frame 1 has \d+x\d+ px, its camera '
+                       r'.* resolution and \d+ more like it$'):
+        read_bag(bag_of(tmp_path, ROBOT.info(width=999), ROBOT.images(), ROBOT.poses()))
 
 
 def test_an_image_that_cannot_be_read_is_left_out_and_the_others_are_not(tmp_path, caplog):

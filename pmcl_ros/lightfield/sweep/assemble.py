@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,7 +24,8 @@ from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
-_NAMED = 8  # frames that one line names
+_NAMED = 8  # reasons that one line names
+_NUMBER = re.compile(r'-?[0-9]+(\.[0-9]+)?')
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,17 @@ class Sweep:
 
 
 def summary(left_out: Sequence[LeftOut]) -> str:
-    """The first few frames that were left out, and the number of others and of spare ones."""
-    named = [str(each) for each in left_out if not each.spare]
-    spare = len(left_out) - len(named)
-    parts = named[:_NAMED]
-    parts += [f'{len(named) - _NAMED} more'] if len(named) > _NAMED else []
+    """The first frame left out for each reason, and the numbers of others and of spare ones."""
+    alike: dict[str, list[str]] = {}  # but for their numbers
+    for each in left_out:
+        if not each.spare:
+            alike.setdefault(_NUMBER.sub('', each.reason), []).append(str(each))
+    spare = sum(each.spare for each in left_out)
+    groups = list(alike.values())
+    parts = [first + (f' and {len(others)} more like it' if others else '')
+             for first, *others in groups[:_NAMED]]
+    more = sum(map(len, groups[_NAMED:]))
+    parts += [f'{more} more'] if more else []
     parts += [f'{spare} of places with a better one'] if spare else []
     return '; '.join(parts)
 

@@ -24,9 +24,9 @@ class Frames:
         self.left_out: deque[LeftOut] = deque(maxlen=_REMEMBERED)
         self.left_out_count = 0
 
-    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
-        """Record a dropped frame."""
-        self.left_out.append(LeftOut(name, reason, spare))
+    def leave_out(self, name: str, reason: str, spare: bool = False, moved: bool = False) -> None:
+        """Record a dropped frame: see `LeftOut`."""
+        self.left_out.append(LeftOut(name, reason, spare, moved))
         self.left_out_count += 1
 
 

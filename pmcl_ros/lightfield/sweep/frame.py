@@ -73,14 +73,20 @@ class Lens:
 
 
 class LeftOut(NamedTuple):
-    """An unused frame and the reason. spare: a better frame of the same place exists."""
+    """An unused frame and the reason.
+
+    spare: a better frame of the same place exists. moved: it was taken on the way between two
+    places, as an arm moves.
+    """
 
     name: str
     reason: str
     spare: bool = False
+    moved: bool = False
 
     def __str__(self) -> str:
-        return f'{self.name}: {self.reason}'
+        return (self.reason if self.reason.startswith(f'{self.name} ')
+                else f'{self.name}: {self.reason}')
 
 
 @dataclass(frozen=True)

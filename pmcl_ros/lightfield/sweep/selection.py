@@ -10,6 +10,7 @@ from pmcl_ros.geometry.se3 import rotation_angle
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 
+FASTEST = 30.0  # m/s: nothing moves a camera faster
 Sorted = tuple[list[SweepFrame], list[LeftOut]]
 
 
@@ -131,7 +132,8 @@ def moves(frame: SweepFrame, settings: SweepSettings) -> str:
     if moved <= settings.movement:
         return ''
     return (f'moved by {moved:.1f} px in its {1e3 * settings.exposure:g} ms ({frame.speed:.3f} '
-            f'm/s, {frame.angular_speed:.3f} rad/s), {settings.movement:g} are allowed')
+            f'm/s, {frame.angular_speed:.3f} rad/s), {settings.movement:g} are allowed'
+            + ('; are the poses in millimetres, not metres?' if frame.speed >= FASTEST else ''))
 
 
 def distance(one: SweepFrame, other: SweepFrame, near: float) -> float:

@@ -12,7 +12,7 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.sweep.assemble import summary
 from pmcl_ros.lightfield.sweep.collection import MOST_BYTES, Frames
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.selection import distance, distances, moves
+from pmcl_ros.lightfield.sweep.selection import FASTEST, distance, distances, moves
 from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings, ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
@@ -90,7 +90,7 @@ class ViewCollection(Frames):
         """
         reason = moves(frame, self._settings)
         if reason:
-            self.leave_out(frame.name, reason)
+            self.leave_out(frame.name, reason, moved=frame.speed < FASTEST)
             return False
         if self._rolling and self.frames and frame.stamp_ns < self._newest.stamp_ns - _BACK:
             while self.frames:  # the clock was set, or a bag begins anew
