@@ -100,7 +100,11 @@ class BopCapture(Capture):
 
 
 def bop_scenes(folder: Path) -> list[Path]:
-    """The scenes with known truth in a folder, or the folder itself; empty: there are none."""
+    """The scenes with known truth in a folder, or the folder itself; empty: there are none.
+
+    Raises LightFieldError for the folder of a data set, which has folders of scenes.
+    """
+    bop.check_no_root(folder)
     folder = folder.resolve() if folder.name in ('', '..') else folder  # its name is its number
     return [each for each in (folder, *sorted(folder.iterdir()))
             if (each / bop.NAME).is_file() and (each / _TRUTH).is_file()]

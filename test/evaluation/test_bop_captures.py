@@ -17,7 +17,7 @@ from pmcl_ros.evaluation.records import settings, write_bop
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.runtime.errors import PmclError, SettingsError
+from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
 
 PICTURES = 7
 SHAPES = {1: trimesh.creation.cylinder(20, 90), 4: trimesh.creation.box((30, 50, 70))}  # mm
@@ -80,6 +80,8 @@ def write_targets(path, *targets):
 
 def test_views_with_poses_are_localised_together_in_the_world(scene):
     assert bop_scenes(scene) == bop_scenes(scene.parent) == [scene]
+    with pytest.raises(LightFieldError, match=f'no scene, .* evaluate all of {scene.parent}$'):
+        bop_scenes(scene.parent.parent)
     found = bop_captures([scene], BopChoice(views=3))
     # Two groups spread over seven pictures, 0 2 4 and 1 3 5, two objects in each.
     assert [each.name for each in found] == [

@@ -3,8 +3,10 @@
 Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in millimetres.
 """
 
+import logging
 import re
 from collections.abc import Collection
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ from pmcl_ros.runtime.picture_file import read_picture_size
 from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'scene_camera.json'
+_LOG = logging.getLogger(__name__)
+_NEAR = 1e-3  # m: views that are nearer to each other tell no depth
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
 _POSE = 'cam_R_w2c', 'cam_t_w2c'
 _NUMBER = re.compile(r'[0-9]{1,9}')
@@ -30,7 +34,8 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
 
     The reference frame, `bop`, is the scene's world, in metres. picture: this one alone, in the
     frame of its camera. numbers: of the pictures to take; None: all. Raises LightFieldError where
-    the scene has no poses of its cameras, and saying what is wrong.
+    the scene has no poses of its cameras, and saying what is wrong. A warning asks for the unit
+    where cameras are all at one place, nearly.
     """
     path = scene / NAME
     cameras: dict[str, Any] = {}
@@ -65,8 +70,23 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
         views.append(view)
     if not views:
         raise LightFieldError(f'{path} lists no picture' + (f' {picture}' if picture else ''))
+    if picture is None:
+        _check_unit(path, [each['camera_to_reference'][3:12:4] for each in views])
     return ViewsFile.make({'cameras': cameras, 'views': views, 'reference': 'bop'},
                           str(path)), scene
+
+
+def _check_unit(path: Path, places: list[list[float]]) -> None:
+    """Warn where cameras' places (n, 3) [m] differ, by next to nothing."""
+    apart = float(np.linalg.norm(np.ptp(places, axis=0)))
+    if 0 < apart < _NEAR:
+        _tell_near(path, len(places), round(1e3 * apart, 2))
+
+
+@cache  # captures of one scene are many
+def _tell_near(path: Path, count: int, apart: float) -> None:
+    _LOG.warning('%s: its %d cameras are all within %g mm: are cam_t_w2c in millimetres?', path,
+                 count, apart)
 
 
 def camera_poses(scene: Path) -> dict[int, NDArray[np.float64] | None]:
@@ -126,6 +146,7 @@ def model_of(path: Path, object_id: int) -> Path:
 
     path: of a scene or of a picture of it. Raises LightFieldError where there is none.
     """
+    check_no_root(path)
     scene = (path if path.is_dir() else scene_of(path) or path).absolute()
     name = f'models/obj_{object_id:06d}.ply'
     for folder in (*scene.parents,)[:3]:
@@ -133,6 +154,14 @@ def model_of(path: Path, object_id: int) -> Path:
             return folder / name
     raise LightFieldError(f'no folder above {scene} has {name}, the model of object {object_id}; '
                           "copy the data set's folder models there")
+
+
+def check_no_root(path: Path) -> None:
+    """Raise LightFieldError, which names a scene, where a folder is the root of a data set."""
+    scene = next(iter(sorted(path.glob(f'*/*/{NAME}'))), None)
+    if (path / 'models').is_dir() and scene is not None:
+        raise LightFieldError(f'{path} is no scene, it is the folder of a data set; give a scene, '
+                              f'{scene.parent}, or to evaluate all of {scene.parent.parent}')
 
 
 def scene_of(picture: Path) -> Path | None:

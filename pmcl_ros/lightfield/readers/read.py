@@ -155,6 +155,7 @@ def check_folder(path: Path) -> None:
     """Raise LightFieldError where a folder has nothing that `read_source` reads."""
     if _has_grid(path) or _has_pictures(path):
         return
+    bop.check_no_root(path)
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
     if colmap.is_binary(path):

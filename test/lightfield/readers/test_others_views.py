@@ -258,6 +258,25 @@ def test_an_object_of_a_scene_is_found_by_its_number(tmp_path):
     assert bop_reader.model_of(scene / 'rgb' / '000002.png', 7) == mesh
     with pytest.raises(LightFieldError, match=r'has models/obj_000008.ply, the model of object 8'):
         bop_reader.model_of(scene, 8)
+    for look in (read_source, lambda root: bop_reader.model_of(root, 7)):
+        with pytest.raises(LightFieldError, match=rf'set is no scene, .* give a scene, {scene}, '
+                           rf'or to evaluate all of {scene.parent}$'):
+            look(tmp_path / 'set')
+
+
+@pytest.mark.parametrize('unit', [1, 1000])
+def test_a_scene_in_metres_is_told(tmp_path, caplog, unit):
+    folder = bop(tmp_path / 'scene')
+    path = folder / 'scene_camera.json'
+    cameras = json.loads(path.read_text())
+    for each in cameras.values():
+        each['cam_t_w2c'] = (np.array(each['cam_t_w2c']) / unit).tolist()
+    path.write_text(json.dumps(cameras))
+    for _ in range(2):
+        read_source(folder)
+    assert len(caplog.messages) == (unit == 1000)
+    assert all('3 cameras are all within 0.' in each and each.endswith(
+        'mm: are cam_t_w2c in millimetres?') for each in caplog.messages)
 
 
 @pytest.mark.parametrize(('changes', 'reason'), [
