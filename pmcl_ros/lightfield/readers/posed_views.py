@@ -141,8 +141,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
     folder: that their files are relative to. name: of the list, for errors. Pictures are PNG,
     JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
-    A warning tells of a principal point far from the middle. Raises SettingsError or
-    LightFieldError saying which file or value is wrong.
+    Warnings tell of a principal point far from the middle, and of one pose of all views. Raises
+    SettingsError or LightFieldError saying which file or value is wrong.
     """
     if reduction.every != 1:
         raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
@@ -163,7 +163,15 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     if odd:
         camera, pinhole = next(iter(odd.items()))
         _tell_odd(camera, pinhole, len(odd) - 1)
-    return tuple(_view(folder, each, of, reduction) for each in of.views)
+    views = tuple(_view(folder, each, of, reduction) for each in of.views)
+    first, *others = views
+    if others and of.posed and all(
+            np.array_equal(each.camera_to_reference, first.camera_to_reference)
+            for each in others) and not all(
+            np.array_equal(each.picture, first.picture) for each in others):
+        _LOG.warning('%s: all %d views have the same pose, and different pictures: does each have '
+                     'its own camera_to_reference?', name, len(views))
+    return views
 
 
 @cache  # captures of one camera are many
