@@ -4,6 +4,7 @@ A model.yaml beside them gives the object's symmetries and material (`ObjectSett
 objects in the same picture have a model.obj and a truth.json in subfolders.
 """
 
+import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +22,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import SettingsError
 
+_LOG = logging.getLogger(__name__)
 _MOST_NAMES = 20  # in an error
 
 
@@ -116,17 +118,32 @@ class Capture:
 
 
 def find_captures(folder: Path | str) -> list[Capture]:
-    """The captures in the subfolders of a folder, sorted by name; SettingsError without any."""
+    """The captures in the subfolders of a folder, sorted by name; SettingsError without any.
+
+    A warning names folders with a truth.json that have no model.obj.
+    """
     places = sorted(path.parent for depth in ('*', '*/*')
                     for path in Path(folder).glob(f'{depth}/truth.json'))
     found = {path.relative_to(folder).as_posix(): path for path in places
              if (path / 'model.obj').exists()}
+    bare = _named([path.relative_to(folder).as_posix() for path in places
+                   if not (path / 'model.obj').exists()])
     if not found:
-        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json, '
-                            'and no BOP scene with scene_gt.json; pmcl scenes render and pmcl '
-                            'simulate make such folders')
+        untrue = _named(sorted(path.parent.name for path in Path(folder).glob('*/model.*')))
+        raise SettingsError(
+            f'{folder} has no subfolder with a picture, model.obj and truth.json, and no BOP '
+            'scene with scene_gt.json; ' + (
+                f'no model.obj is beside truth.json in {bare}' if bare else
+                f'no truth.json is beside the model in {untrue}' if untrue else
+                'pmcl scenes render and pmcl simulate make such folders'))
+    if bare:
+        _LOG.warning('%s: left out, as no model.obj is beside truth.json: %s', folder, bare)
     return [Capture.load(path, Path(folder) / name.partition('/')[0])
             for name, path in found.items()]
+
+
+def _named(names: Sequence[str]) -> str:
+    return ', '.join(names[:_MOST_NAMES]) + (', ...' if len(names) > _MOST_NAMES else '')
 
 
 def select(captures: Sequence[Capture], only: Collection[str], folder: Path | str
@@ -138,6 +155,6 @@ def select(captures: Sequence[Capture], only: Collection[str], folder: Path | st
     names = [each.name for each in captures]
     missing = sorted(set(only) - set(names))
     if missing:
-        there = ', '.join(names[:_MOST_NAMES]) + (', ...' if len(names) > _MOST_NAMES else '')
-        raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are {there}')
+        raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are '
+                            f'{_named(names)}')
     return [each for each in captures if not only or each.name in only]

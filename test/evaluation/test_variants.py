@@ -119,6 +119,21 @@ def test_captures_are_found_by_name(tmp_path):
         find_captures(tmp_path / 'white')
 
 
+def test_what_a_capture_lacks_is_named(tmp_path, caplog):
+    for name in ('a', 'b'):
+        write_capture(tmp_path / name)
+    (tmp_path / 'b/model.obj').rename(tmp_path / 'b/model.stl')
+    assert [each.name for each in find_captures(tmp_path)] == ['a']
+    assert caplog.messages == [f'{tmp_path}: left out, as no model.obj is beside truth.json: b']
+    (tmp_path / 'a/model.obj').unlink()
+    with pytest.raises(SettingsError, match=r'; no model\.obj is beside truth\.json in a, b$'):
+        find_captures(tmp_path)
+    for name in ('a', 'b'):
+        (tmp_path / name / 'truth.json').unlink()
+    with pytest.raises(SettingsError, match=r'; no truth\.json is beside the model in b$'):
+        find_captures(tmp_path)
+
+
 def test_a_row_of_the_map_without_sides_changes_each_view(capture):
     variant, whole = Variant.named('map-no-sides'), Variant.named('map')
     model = ObjectModel.load(capture.model)
