@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings, within_limits
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.binning import binned_to_fit
+from pmcl_ros.evidence.binning import binned_to_fit, drawable
 from pmcl_ros.evidence.build_map import build_map, warn_of_one_colour
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
@@ -47,7 +47,7 @@ from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.prior.region import Region, regions_before, size_in_view
-from pmcl_ros.pmcl.render.raster import check_size
+from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.closing import Closing
@@ -57,6 +57,7 @@ from pmcl_ros.runtime.progress import StageProgress
 _LOG = logging.getLogger(__name__)
 Evidence = EvidenceVolume | ViewsEvidence | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
+Given = TypeVar('Given', bound=Source)
 Found = TypeVar('Found', covariant=True)  # the same
 
 
@@ -134,6 +135,37 @@ def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView],
                                      view.camera_to_reference)
 
 
+def windows_of(source: Source, settings: PmclSettings, radius: float) -> dict[int, Window]:
+    """What the object can cover of each picture that sees the region of interest, by its number.
+
+    radius: of the object [m]. Raises LocalizationError where none does.
+    """
+    if not isinstance(source, PosedViews):
+        region = Region(settings.roi_center, settings.roi_size)
+        return {0: region.window(source.pinhole, radius)}
+    seen = regions_before(cameras_of(source), settings, radius, source.header.frame_id)
+    return {number: region.window(source.views[number].pinhole, radius)
+            for number, region in seen.items()}
+
+
+def binned_to_draw(source: Given, settings: DlvSettings, search: PmclSettings, radius: float
+                   ) -> Given:
+    """`binned_to_fit`, and so that the processor can draw what the object can cover of a picture.
+
+    search: with the region of interest. radius: of the object [m]. Raises LocalizationError where
+    no picture sees the region.
+    """
+    source = binned_to_fit(source, settings)
+    if any(settings.crop) or isinstance(source, LightField):
+        return source
+    sides = {number: max(window.size)
+             for number, window in windows_of(source, search, radius).items()}
+    if isinstance(source, PosedView):
+        return cast(Given, drawable(source, sides[0], LARGEST))
+    return replace(source, views=tuple(drawable(each, sides.get(number, 0), LARGEST)
+                                       for number, each in enumerate(source.views)))
+
+
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
     """The kind that was chosen; by default the map of pictures.
 
@@ -197,7 +229,7 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
 class Run(Generic[Estimate]):
     """One capture's way through the pipeline.
 
-    source: in which the pose was searched: large pictures are `binned_to_fit`.
+    source: in which the pose was searched: large pictures are `binned_to_draw`.
     settings: of evidence and volume. volume: None where nothing asked for it, or where one
     picture alone shows the region.
     seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
@@ -280,14 +312,12 @@ class Pipeline(Closing, Generic[Estimate]):
 
         progress('views', 0.0)
         source = read()
-        self._windows(source)  # is it in view at all? Evidence takes time and memory
+        # Is it in view at all? Evidence takes time and memory.
+        windows_of(source, self._settings, self._radius)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
-        source = binned_to_fit(source, settings)
+        source = binned_to_draw(source, settings, self._settings, self._radius)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
-        if (kind == 'map' or isinstance(source, PosedViews)) and not any(settings.crop):
-            for each in self._windows(source):
-                check_size(each)
         finished('views')
         progress('evidence', 0.0)
         evidence = build_evidence(
@@ -310,16 +340,3 @@ class Pipeline(Closing, Generic[Estimate]):
         estimate = self.localizer.localize(evidence, rng, show, **options)
         finished('pose')
         return Run(source, settings, evidence, volume, estimate, seconds)
-
-    def _windows(self, source: Source) -> list[Window]:
-        """What the object can cover of each picture that sees the region of interest.
-
-        Raises LocalizationError where none does.
-        """
-        settings, radius = self._settings, self._radius
-        if not isinstance(source, PosedViews):
-            region = Region(settings.roi_center, settings.roi_size)
-            return [region.window(source.pinhole, radius)]
-        seen = regions_before(cameras_of(source), settings, radius, source.header.frame_id)
-        return [region.window(source.views[number].pinhole, radius)
-                for number, region in seen.items()]

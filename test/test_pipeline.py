@@ -26,12 +26,15 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.pipeline import (
     Pipeline,
+    binned_to_draw,
     build_evidence,
     evidence_kind,
     make_localizer,
     volume_settings,
+    windows_of,
 )
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
+from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, SettingsError, VolumeError
 
@@ -227,6 +230,27 @@ def test_a_large_picture_is_searched_as_one_with_larger_pixels():
     assert found.source.pinhole == found.evidence.pinhole == small
     np.testing.assert_array_equal(found.evidence.tensor, expected.evidence.tensor)
     np.testing.assert_array_equal(found.estimate.pose, expected.estimate.pose)
+
+
+def test_a_window_that_is_too_large_to_draw_has_larger_pixels():
+    full_hd = Pinhole(1920, 1080, 1800.0, 1800.0, 959.5, 539.5)
+    aside = np.eye(4)
+    aside[0, 3] = 9.0  # it sees nothing of the region
+    large, other, small = (
+        PosedView(Header(), np.zeros((camera.height, camera.width, 3), np.float32), camera, pose)
+        for camera, pose in ((full_hd, np.eye(4)), (full_hd, aside), (CAMERA, np.eye(4))))
+    views, settings = PosedViews((large, other, small)), DlvSettings()
+    wide = SETTINGS.model_copy(update={'roi_size': (0.4, 0.2, 0.1)})
+    found = binned_to_draw(views, settings, wide, CUP.radius)
+    assert found.views[0].pinhole == full_hd.resized(960, 540)
+    assert found.views[1] is other
+    assert found.views[2] is small
+    assert max(windows_of(found, wide, CUP.radius)[0].size) <= LARGEST
+    assert binned_to_draw(large, settings, wide, CUP.radius).pinhole == found.views[0].pinhole
+    # Of a smaller region all pixels are used.
+    assert binned_to_draw(views, settings, SETTINGS, CUP.radius).views == views.views
+    crop = settings.model_copy(update={'crop': (0, 0, 640, 480)})
+    assert binned_to_draw(large, crop, wide, CUP.radius) is large
 
 
 @pytest.mark.parametrize(('read', 'told'), [

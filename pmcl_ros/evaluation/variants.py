@@ -17,6 +17,7 @@ from pmcl_ros.lightfield.posed_view import PosedViews, centre_view
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import (
     Evidence,
+    binned_to_draw,
     build_evidence,
     depths_of,
     evidence_kind,
@@ -121,9 +122,11 @@ class Variant:
         if self.base == 'map-centre' and isinstance(source, LightField):
             source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
+            search = self.search(capture)
+            source = binned_to_draw(source, settings, search, model.radius)
             made = build_evidence(source, settings, self.mode,
                                   evidence_kind(PmclSettings(**self.chosen), source),
-                                  size_in(model, self.search(capture)))
+                                  size_in(model, search))
             return _ablated(made, self.base)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(

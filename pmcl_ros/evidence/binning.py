@@ -61,6 +61,15 @@ def _binned_to_fit(view: PosedView, most: int) -> PosedView:
     return binned(view, larger)
 
 
+def drawable(view: PosedView, side: int, most: int) -> PosedView:
+    """A view, binned where a part of it with this longer side [px] has more than `most`."""
+    if side <= most:
+        return view
+    larger = math.ceil(side / (most - 2))  # a part that begins within a pixel has two more
+    _tell(view.pinhole.width, view.pinhole.height, larger)
+    return binned(view, larger)
+
+
 @lru_cache(maxsize=16)  # logged once, not at every picture
 def _tell(width: int, height: int, larger: int) -> None:
     _LOG.info('pictures of %dx%d px are binned %dx%d', width,

@@ -37,7 +37,14 @@ from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.transport.losses import MissingCaptures
-from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer, size_in
+from pmcl_ros.pipeline import (
+    AnyLocalizer,
+    Evidence,
+    binned_to_draw,
+    cameras_of,
+    make_localizer,
+    size_in,
+)
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
@@ -238,7 +245,7 @@ class PmclNode(StageNode):
         with self.watched('search'):
             if not self._is_placed:
                 localizer = self._placed(given)
-            evidence = (self._evidence_of.build(given) if isinstance(given, PosedViews)
+            evidence = (self._evidence_of(given) if isinstance(given, PosedViews)
                         else given)
             if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
                 evidence = edges_from_likelihood(evidence)
@@ -341,10 +348,13 @@ def _region(settings: PmclNodeSettings) -> Box:
     return Box(settings.roi_center, settings.roi_size)
 
 
-def _evidence_of(settings: PmclNodeSettings, model: ObjectModel) -> ViewsEvidenceBuilder:
+def _evidence_of(settings: PmclNodeSettings, model: ObjectModel
+                 ) -> Callable[[PosedViews], ViewsEvidence]:
     """What makes the evidence of posed views. model: of the largest object."""
-    return ViewsEvidenceBuilder(DlvSettings(), settings.evidence != 'edges',
-                                size_in(model, settings))
+    of_views = DlvSettings()
+    builder = ViewsEvidenceBuilder(of_views, settings.evidence != 'edges',
+                                   size_in(model, settings))
+    return lambda views: builder.build(binned_to_draw(views, of_views, settings, model.radius))
 
 
 def main() -> int:

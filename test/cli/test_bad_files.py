@@ -190,13 +190,6 @@ def test_pictures_that_evidence_is_made_of(tmp_path, given, told):
                            BOTTLE, *OUTSIDE)
 
 
-def test_a_region_that_covers_large_pictures(tmp_path):
-    folder = views(tmp_path / 'views', 2048, 2048, 2)
-    line = refused(tmp_path, 'localize', folder, '--object', BOTTLE, *ROI)
-    assert 'window of 2048x2048 pixels is drawn on the processor up to 1800 a side' in line
-    assert 'or make pixels 2 times as large (--shrink)' in line
-
-
 @pytest.mark.parametrize(('kind', 'height', 'width', 'roi', 'told'), [
     ('f4', 2800, 2800, ROI, '6 arrays of 807 MiB, at most 1000 of 769 are read'),
     ('f2', 2800, 2800, ROI, '3x3 views of 2800x2800 px need 807 MiB, more than 768'),
