@@ -1,6 +1,7 @@
 """Runs jobs in several processes, or in this one: the same trials, in whatever order."""
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -13,6 +14,7 @@ from pmcl_ros.evaluation.trials import Camera, Job, Trial, Worker
 from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.runtime.errors import PmclError
 
+_LOG = logging.getLogger(__name__)
 _POLL = 0.2  # s between two questions whether to stop
 
 
@@ -24,20 +26,43 @@ def run_jobs(jobs: Sequence[Job], camera: Camera | None, processes: int,
     stopped: asked again and again; once it is true the iterator ends. Searches that are under way
     then, or when the iterator is closed, are stopped and not counted. (A KeyboardInterrupt that
     comes in the middle of a compiled loop would leave it with another exception.)
+    Raises SettingsError for a row's impossible settings. A capture that fails is logged, and the
+    others go on; after them PmclError says which failed.
     """
-    if processes == 1:
-        with contextlib.closing(Worker(camera, stopped)) as worker:
-            for job in jobs:
-                trial = None if stopped() else worker.run(job)
-                if trial is None:
-                    return
-                yield trial
-    else:
-        yield from _side_by_side(jobs, camera, processes, stopped)
+    for job in {each.variant: each for each in jobs}.values():
+        job.variant.search(job.capture)
+    outcomes = (_one_by_one(jobs, camera, stopped) if processes == 1
+                else _side_by_side(jobs, camera, processes, stopped))
+    told: dict[tuple[str, str], None] = {}  # of the seeds of a capture one message suffices
+    with contextlib.closing(outcomes):
+        for job, outcome in outcomes:
+            if isinstance(outcome, Trial):
+                yield outcome
+            elif (each := (job.capture.name, str(outcome))) not in told:
+                told[each] = None
+                _LOG.error('%s: %s', *each)
+    if told and not stopped():
+        failed = sorted({name for name, _ in told})
+        count = len({each.capture.name for each in jobs})
+        raise PmclError(f'{len(failed)} of {count} captures failed, as told above: '
+                        f'{", ".join(failed)}')
+
+
+_Outcomes = Generator[tuple[Job, Trial | PmclError], None, None]
+
+
+def _one_by_one(jobs: Sequence[Job], camera: Camera | None, stopped: Callable[[], bool]
+                ) -> _Outcomes:
+    with contextlib.closing(Worker(camera, stopped)) as worker:
+        for job in jobs:
+            outcome = None if stopped() else _outcome(worker, job)
+            if outcome is None:
+                return
+            yield job, outcome
 
 
 def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
-                  stopped: Callable[[], bool]) -> Iterator[Trial]:
+                  stopped: Callable[[], bool]) -> _Outcomes:
     # Spawned, not forked: GL's threads do not survive a fork.
     context = multiprocessing.get_context('spawn')
     stop = context.Event()
@@ -47,19 +72,28 @@ def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
         with _ignored(signal.SIGINT):  # inherited: Ctrl-C reaches this process alone
             for _ in range(processes):
                 pool.submit(os.getpid)
-        pending = {pool.submit(_run, job) for job in jobs}
+        of = {pool.submit(_run, job): job for job in jobs}
+        pending = set(of)
         while pending and not stopped():
             finished, pending = wait(pending, _POLL, FIRST_COMPLETED)
-            # A failure is raised after the trials that succeeded.
+            # What raises, a process that was killed say, comes after what succeeded.
             for each in sorted(finished, key=lambda each: each.exception() is not None):
-                trial = each.result()
-                if trial is not None:
-                    yield trial
+                outcome = each.result()
+                if outcome is not None:
+                    yield of[each], outcome
     except BrokenProcessPool:
         raise broken_pool(processes) from None
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
+
+
+def _outcome(worker: Worker, job: Job) -> Trial | PmclError | None:
+    """None: it was stopped."""
+    try:
+        return worker.run(job)
+    except PmclError as error:
+        return error
 
 
 def broken_pool(processes: int) -> PmclError:
@@ -87,5 +121,5 @@ def _start(camera: Camera | None, stop: Event, threads: int) -> None:
     _WORKERS.append(Worker(camera, stop.is_set))
 
 
-def _run(job: Job) -> Trial | None:
-    return _WORKERS[0].run(job)
+def _run(job: Job) -> Trial | PmclError | None:
+    return _outcome(_WORKERS[0], job)

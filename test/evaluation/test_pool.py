@@ -12,7 +12,7 @@ from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.errors import PmclError, SettingsError
 
 TIMES = {'seconds': 0.0, 'dlv_seconds': 0.0, 'decode_seconds': 0.0, 'renderer': ''}
 ROW = (Variant.parse(QUICK),)
@@ -70,8 +70,22 @@ def test_jobs_of_one_volume_follow_each_other(captures):
     assert len(list(groupby(keys))) == len(set(keys)) == 2 * 3
 
 
-def test_what_fails_in_another_process_is_told_here(captures):
-    far = replace(captures[0].truth, roi_center=(9.0, 9.0, 0.4))
-    plan = TrialPlan((replace(captures[0], truth=far),), ROW, (0, 1))
-    with pytest.raises(LocalizationError, match='outside the image'):
-        list(run_jobs(plan.jobs(), None, 2))
+@pytest.mark.parametrize('processes', [1, 2])
+def test_a_capture_that_fails_is_named_and_the_others_go_on(captures, caplog, processes):
+    glass, thing, nothing = captures[0], captures[2], captures[1]
+    far = replace(glass, truth=replace(glass.truth, roi_center=(9.0, 9.0, 0.4)))
+    trials = run_jobs(TrialPlan((far, thing, nothing), ROW, (0, 1)).jobs(), None, processes)
+    made = []
+    with pytest.raises(PmclError, match=r'^1 of 3 captures failed, as told above: glass$'):
+        made.extend(trials)
+    assert sorted((each.capture, each.seed) for each in made) == [
+        ('nothing', 0), ('nothing', 1), ('thing', 0), ('thing', 1)]
+    told, = (each.getMessage() for each in caplog.records if each.levelname == 'ERROR')
+    assert told.startswith('glass: ')
+    assert 'outside the image' in told
+
+
+def test_impossible_settings_are_of_no_capture(captures):
+    with pytest.raises(SettingsError, match='moves'):
+        next(run_jobs(TrialPlan(tuple(captures), (Variant.parse('moves=0'),), (0,)).jobs(), None,
+                      1))
