@@ -3,10 +3,11 @@
 import logging
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -15,8 +16,9 @@ from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import LightFieldError, PictureError
-from pmcl_ros.runtime.picture_file import read_picture_file
+from pmcl_ros.runtime.picture_file import read_picture_file, read_picture_size
 
+_Read = TypeVar('_Read')
 _LOG = logging.getLogger(__name__)
 MOST_BYTES = 3 * 2 ** 28  # of views as float32
 _DEEPEST = 16  # bits
@@ -83,12 +85,8 @@ def read_picture(path: Path, bits: int = _DEEPEST) -> NDArray[Any]:
 
     Raises LightFieldError when the file is missing, no picture, or of another type.
     """
-    if not os.path.isfile(path):  # which takes any name
-        raise LightFieldError(f'there is no {path}; every view needs its file')
-    try:
-        picture = read_picture_file(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    except PictureError as error:
-        raise LightFieldError(str(error)) from None
+    picture = _of_view(path, lambda path: read_picture_file(
+        path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH))
     if picture.dtype not in (np.uint8, np.uint16, np.float32):
         raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
                               '32-bit floating point')
@@ -96,6 +94,20 @@ def read_picture(path: Path, bits: int = _DEEPEST) -> NDArray[Any]:
         return full_range(np.asarray(picture[..., ::-1]), bits)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) [px] by its header. Raises LightFieldError when it is missing or none."""
+    return _of_view(path, read_picture_size)
+
+
+def _of_view(path: Path, read: Callable[[Path], _Read]) -> _Read:
+    if not os.path.isfile(path):  # which takes any name
+        raise LightFieldError(f'there is no {path}; every view needs its file')
+    try:
+        return read(path)
+    except PictureError as error:
+        raise LightFieldError(str(error)) from None
 
 
 def full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:

@@ -14,8 +14,14 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, centre_view, encoded
 from pmcl_ros.lightfield.readers.npz import read_npz
-from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Bits, Reduction, read_picture
-from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
+from pmcl_ros.lightfield.readers.pictures import (
+    MOST_BYTES,
+    Bits,
+    Reduction,
+    picture_size,
+    read_picture,
+)
+from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.settings import Settings
@@ -23,7 +29,7 @@ from pmcl_ros.runtime.text_file import read_yaml_file
 
 NAME = 'views.yaml'
 _LOG = logging.getLogger(__name__)
-_NPZ = '.npz'
+_NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
@@ -45,7 +51,7 @@ class ViewCamera(CameraEntry):
     @property
     def lens(self) -> Lens:
         """The camera with its distortion. Raises LightFieldError for impossible coefficients."""
-        return Lens(self.pinhole, self.distortion, self.model)
+        return self.lens_of(self.width, self.height)
 
 
 class ViewEntry(Settings):
@@ -180,6 +186,25 @@ def _tell_odd(camera: str, pinhole: Pinhole, others: int) -> None:
                  'the calibration of another resolution?', camera,
                  f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
                  pinhole.height)
+
+
+def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
+    """The pictures of a sweep.yaml, whose cameras may look from anywhere; raises as `views_of`.
+
+    The reference frame, `sweep`, is the fixed frame of its poses.
+    """
+    of = SweepFolder.load(yaml)
+    try:
+        width, height = picture_size(yaml.parent / of.frames[0].file)
+        views = [{'file': each.file, 'camera': _SWEEP,
+                  'camera_to_reference': each.pose.ravel().tolist()} for each in of.frames]
+    except LightFieldError as error:
+        raise LightFieldError(f'{yaml}: {error}') from None
+    camera = of.camera.model_dump() | {'width': width, 'height': height, 'gamma': of.gamma}
+    found = ViewsFile.make({'cameras': {_SWEEP: camera}, 'views': views, 'reference': _SWEEP,
+                            'bits': of.bits}, str(yaml))
+    return views_of(found, yaml.parent, str(yaml),
+                    Reduction(reduction.every, of.shrink * reduction.shrink))
 
 
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:

@@ -1,5 +1,6 @@
 """Read a light field of any format, or pictures of ordinary cameras."""
 
+import logging
 from pathlib import Path
 
 from pmcl_ros.geometry.header import Header
@@ -12,6 +13,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 Source = LightField | PosedView | PosedViews  # what an object is looked for in
 
+_LOG = logging.getLogger(__name__)
 _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
@@ -19,16 +21,22 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
                 metric: colmap.Metric | None = None) -> Source:
     """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
-    path: as of `read_light_field`; or a views.yaml, the folder of a COLMAP text model, of a BOP
-    scene, or a picture of one. A single picture whose camera has no pose is a `PosedView`: the
-    camera is the reference frame. metric: of a COLMAP model, else not used.
+    path: as of `read_light_field`; or a views.yaml, a sweep.yaml of a camera that went around an
+    object, the folder of a COLMAP text model, of a BOP scene, or a picture of one. A single
+    picture whose camera has no pose is a `PosedView`: the camera is the reference frame. metric:
+    of a COLMAP model, else not used.
     Raises as `read_light_field`.
     """
     path = Path(path)
     if not _has_pictures(path):
         return read_light_field(path, every, shrink)
+    reduction = Reduction(every, shrink)
+    if (sweep := _sweep_of_views(path)) is not None:
+        _LOG.warning('%s: the sweep is no grid: read as posed views, whose poses are in its fixed '
+                     'frame', sweep)
+        return PosedViews(posed_views.views_of_sweep(sweep, reduction))
     of, folder = _views_file(path, metric)
-    views = posed_views.views_of(of, folder, str(path), Reduction(every, shrink))
+    views = posed_views.views_of(of, folder, str(path), reduction)
     if not of.posed and len(views) > 1:
         raise LightFieldError(f'{path} has poses of an arm, mount_to_base, for pmcl handeye; '
                               'localising needs camera_to_reference')
@@ -44,6 +52,8 @@ def has_posed_views(path: Path | str) -> bool:
     yaml = _views_yaml(path)
     if yaml is not None:
         return posed_views.ViewsFile.load(yaml).posed
+    if _sweep_of_views(path) is not None:
+        return True
     return path.is_dir() and _has_pictures(path) and not pictures_alone(path)
 
 
@@ -60,7 +70,8 @@ def pictures_alone(path: Path | str) -> list[Path]:
 
 def _has_pictures(path: Path) -> bool:
     """Whether a path is of pictures of ordinary cameras."""
-    if _views_yaml(path) is not None or bop.scene_of(path) is not None:
+    if any(each is not None for each in (_views_yaml(path), _sweep_of_views(path),
+                                         bop.scene_of(path))):
         return True
     if not path.is_dir() or _has_grid(path):
         return False  # a light field, whatever else lies there
@@ -93,6 +104,17 @@ def _views_yaml(path: Path) -> Path | None:
     if yaml.name == posed_views.NAME or (not light_field and posed_views.has_views(yaml)):
         return yaml
     return None
+
+
+def _sweep_of_views(path: Path) -> Path | None:
+    """The sweep.yaml that a path names, where its cameras lie in no grid."""
+    yaml = path / sweep_folder.NAME if path.is_dir() else path
+    if yaml.name != sweep_folder.NAME or not yaml.is_file():
+        return None
+    others = posed_views.NAME, folder.NAME
+    if path.is_dir() and any((path / each).is_file() for each in others):
+        return None
+    return None if sweep_folder.has_grid(yaml) else yaml
 
 
 def is_light_field(path: Path | str) -> bool:

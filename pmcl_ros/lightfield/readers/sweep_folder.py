@@ -5,14 +5,15 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import quaternion_pose
-from pmcl_ros.lightfield.readers.pictures import Reduction, read_picture
-from pmcl_ros.lightfield.sweep.assemble import assemble
+from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
+from pmcl_ros.lightfield.sweep.assemble import assemble, is_grid
 from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
@@ -33,6 +34,14 @@ class CameraEntry(Settings):
     model: DistortionModel = Field('plumb_bob', description='of the distortion')
     distortion: tuple[float, ...] = Field((), description='its coefficients; none: rectified')
 
+    def lens_of(self, width: int, height: int) -> Lens:
+        """The camera with its distortion, of pictures of a size [px].
+
+        Raises LightFieldError for impossible coefficients.
+        """
+        pinhole = Pinhole(width, height, self.fx, self.fy or self.fx, self.cx, self.cy)
+        return Lens(pinhole, self.distortion, self.model)
+
 
 class FrameEntry(Settings):
     """One picture and where its camera was."""
@@ -41,6 +50,11 @@ class FrameEntry(Settings):
     position: tuple[float, float, float] = Field(
         description='of the optical frame, in any fixed frame [m]')
     orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """(4, 4) of the optical frame. Raises LightFieldError for no unit quaternion."""
+        return quaternion_pose(self.position, self.orientation, self.file)
 
 
 class SweepFolder(SweepSettings):
@@ -57,6 +71,19 @@ class SweepFolder(SweepSettings):
         if twice:
             raise ValueError(f'{", ".join(twice)} is there more than once')
         return frames
+
+
+def has_grid(yaml: Path) -> bool:
+    """Whether the cameras of a sweep.yaml make a light field; else its pictures are posed views.
+
+    Raises as `read_sweep`.
+    """
+    of = SweepFolder.load(yaml)
+    try:
+        size = picture_size(yaml.parent / of.frames[0].file)
+        return is_grid([each.pose for each in of.frames], of.camera.lens_of(*size).pinhole, of)
+    except LightFieldError as error:
+        raise LightFieldError(f'{yaml}: {error}') from None
 
 
 def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
@@ -90,10 +117,7 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
 
 
 def _frame(folder: Path, entry: FrameEntry, of: SweepFolder) -> SweepFrame:
-    camera = of.camera
     picture = read_picture(folder / entry.file, of.bits)
     height, width = picture.shape[:2]
-    pinhole = Pinhole(width, height, camera.fx, camera.fy or camera.fx, camera.cx, camera.cy)
     return SweepFrame(entry.file, 0, np.ascontiguousarray(picture),
-                      Lens(pinhole, camera.distortion, camera.model),
-                      quaternion_pose(entry.position, entry.orientation, entry.file))
+                      of.camera.lens_of(width, height), entry.pose)

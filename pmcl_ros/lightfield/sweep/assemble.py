@@ -13,7 +13,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.pictures import Reduction, linear_light
-from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
+from pmcl_ros.lightfield.sweep.frame import LeftOut, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.rectify import (
     CornerTracker,
     Rectification,
@@ -25,6 +25,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
 _NAMED = 8  # reasons that one line names
+_COARSE = 64  # pixels across a view, by whose poses a grid is told
 _NUMBER = re.compile(r'-?[0-9]+(\.[0-9]+)?')
 
 
@@ -120,6 +121,26 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
     seen = {each.name: Rectification.from_frames(each, reference, settings)
             for each in chosen.values()}
     return _build(chosen, seen, reference, left, settings, frame_id)
+
+
+def is_grid(poses: Sequence[NDArray[np.float64]], pinhole: Pinhole, settings: SweepSettings
+            ) -> bool:
+    """Whether most of one camera's poses (n, 4, 4) are of parallel views on one plane.
+
+    They are not where it goes around an object.
+    """
+    layout = Layout.from_poses(poses, settings)
+    # Large pixels suffice for the share of a view that another one shows.
+    side = max(min(pinhole.width, pinhole.height) // _COARSE, 1)
+    coarse = Reduction(1, side).pinhole(pinhole)
+    pixels = np.zeros((coarse.height, coarse.width, 3), np.uint8)
+    frames = [SweepFrame(str(number), 0, pixels, Lens(coarse), pose)
+              for number, pose in enumerate(poses)]
+    allowed = settings.model_copy(update={'plane': settings.plane / side})
+    reference = frames[int(np.argmin(np.where(layout.inside, layout.away, np.inf)))]
+    unfit = [_unfit(Rectification.from_frames(each, reference, allowed), each, reference, allowed)
+             for each in frames]
+    return 2 * unfit.count('') > len(frames)
 
 
 def _unfit(rectified: Rectification, frame: SweepFrame, reference: SweepFrame,

@@ -12,7 +12,15 @@ from sweep_scene import PINHOLE, frame, raster, write_sweep
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import GAMMA, encoded
+from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.readers.read import (
+    has_posed_views,
+    is_light_field,
+    read_light_field,
+    read_source,
+)
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
@@ -37,17 +45,35 @@ def changed(path, **values):
     path.write_text(yaml.safe_dump(found))
 
 
-def test_frames_from_around_an_object_are_no_light_field(tmp_path):
+@pytest.mark.parametrize('angles', [(-1.2, 0, 1.2), (-0.5, 0.5), (-0.5, -0.25, 0, 0.25, 0.5)])
+def test_frames_from_around_an_object_are_posed_views(tmp_path, angles, caplog):
     poses = []
-    for angle in (-1.2, 0, 1.2):  # rad, about a point 0.5 m before the middle one
+    for angle in angles:  # rad, about a point 0.5 m before the middle one
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec([0, angle, 0]).as_matrix()
         pose[:3, 3] = [0, 0, 0.5] - pose[:3, :3] @ [0, 0, 0.5]
         poses.append(pose)
     frames = [frame(f'{number}', pose, LENS) for number, pose in enumerate(poses)]
-    write_sweep(tmp_path, frames, SETTINGS.model_copy(update={'baseline': 0.46}))
-    with pytest.raises(LightFieldError, match=r'one view alone, .*; .* views: .*write views.yaml'):
-        read_light_field(tmp_path)
+    write_sweep(tmp_path, frames, SETTINGS.model_copy(update={'shrink': 2}))
+    for source in (tmp_path, tmp_path / 'sweep.yaml'):
+        assert has_posed_views(source)
+        caplog.clear()
+        found = read_source(source)
+        assert caplog.text.count('the sweep is no grid: read as posed views') == 1
+        assert found.header.frame_id == 'sweep'
+        for view, taken in zip(found.views, frames, strict=True):
+            np.testing.assert_allclose(view.camera_to_reference, taken.pose, atol=1e-12)
+            straight = LENS.undistorted(encoded(taken.image, GAMMA), PINHOLE)
+            np.testing.assert_array_equal(view.picture, Reduction(1, 2).shrunk(straight))
+            assert view.pinhole == Reduction(1, 2).pinhole(PINHOLE)
+        with pytest.raises(LightFieldError, match='and here a light field is needed'):
+            read_light_field(source)
+
+
+def test_frames_in_a_grid_are_a_light_field(folder):
+    for source in (folder[0], folder[0] / 'sweep.yaml'):
+        assert not has_posed_views(source)
+        assert isinstance(read_source(source), LightField)
 
 
 def test_it_is_read_as_it_was_taken(folder):
