@@ -2,6 +2,8 @@
 
 import logging
 import math
+import os
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -134,7 +136,7 @@ class ViewsFile(Settings):
                     and each.mount_to_base is None):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
                                  'needs one')
-        files = [each.file for each in self.views]
+        files = [os.path.normpath(each.file) for each in self.views]
         repeated = sorted({each for each in files if files.count(each) > 1})
         if repeated:
             raise ValueError(f'{", ".join(repeated)} is there more than once')
@@ -170,11 +172,11 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         camera, pinhole = next(iter(odd.items()))
         _tell_odd(camera, pinhole, len(odd) - 1)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
+    _check_no_copies(of, views, name)
     first, *others = views
     if others and of.posed and all(
             np.array_equal(each.camera_to_reference, first.camera_to_reference)
-            for each in others) and not all(
-            np.array_equal(each.picture, first.picture) for each in others):
+            for each in others):
         _LOG.warning('%s: all %d views have the same pose, and different pictures: does each have '
                      'its own camera_to_reference?', name, len(views))
     return views
@@ -186,6 +188,20 @@ def _tell_odd(camera: str, pinhole: Pinhole, others: int) -> None:
                  'the calibration of another resolution?', camera,
                  f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
                  pinhole.height)
+
+
+def _check_no_copies(of: ViewsFile, views: Sequence[PosedView], name: str) -> None:
+    """Raise LightFieldError for two equal pictures of one pose: noise would count as less."""
+    known: dict[bytes, list[int]] = {}
+    for number, each in enumerate(views):
+        # Adding 0 makes -0 the same as 0.
+        alike = known.setdefault((each.camera_to_reference + 0.0).tobytes(), [])
+        for other in alike:
+            if np.array_equal(views[other].picture, each.picture):
+                raise LightFieldError(f'{name}: {of.views[other].file} and '
+                                      f'{of.views[number].file} are one picture with one pose; '
+                                      'leave one of them out')
+        alike.append(number)
 
 
 def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:

@@ -1,5 +1,6 @@
 """views.yaml: pictures of known cameras, read without distortion, and what is refused."""
 
+import shutil
 from dataclasses import replace
 
 import cv2
@@ -245,6 +246,9 @@ def camera(**values):
     (view(sigma_mm=-1.0), 'sigma_mm: .*greater'),
     ({'views': view()['views'] * 2}, 'has no camera_to_reference; of several'),
     ({'views': view(camera_to_reference=np.eye(4).ravel().tolist())['views'] * 2},
+     'one.png is there more than once'),
+    ({'views': [view(file=name, camera_to_reference=np.eye(4).ravel().tolist())['views'][0]
+                for name in ('one.png', './one.png', 'no/.././one.png')]},
      'one.png is there more than once')])
 def test_what_is_wrong_is_said_in_one_line(tmp_path, change, reason):
     folder = write(tmp_path, whole(VALUES, 255, np.uint8))
@@ -252,6 +256,26 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, change, reason):
     with pytest.raises((LightFieldError, SettingsError), match=reason) as caught:
         read_source(folder)
     assert '\n' not in str(caught.value)
+
+
+def test_a_copy_of_a_picture_with_the_same_pose_is_refused(tmp_path):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8))
+    shutil.copy(folder / 'one.png', folder / 'copy.png')
+    here = np.eye(4)
+    posed = [view(file=name, camera_to_reference=here.tolist())['views'][0]
+             for name in ('one.png', 'copy.png')]
+    changed(folder, views=posed)
+    with pytest.raises(LightFieldError, match=r'one.png and copy.png are one picture with one po'):
+        read_source(folder)
+    here[0, 3] = 1e-6
+    posed[1]['camera_to_reference'] = here.tolist()
+    changed(folder, views=posed)
+    assert len(read_source(folder).views) == 2
+    # Another exposure from there differs by its noise.
+    cv2.imwrite(str(folder / 'copy.png'), whole(VALUES[::-1], 255, np.uint8))
+    posed[1] = posed[0] | {'file': 'copy.png'}
+    changed(folder, views=posed)
+    assert len(read_source(folder).views) == 2
 
 
 def test_where_a_light_field_is_needed_a_picture_is_refused(tmp_path):
