@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -35,6 +35,16 @@ _NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
+
+
+def _sixteen(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Of numbers that are right each: pydantic's lengths do not count wrong ones."""
+    if len(values) != _ROWS ** 2:
+        raise ValueError(f'a pose has 16 numbers, 4x4, not {len(values)}')
+    return values
+
+
+_Matrix = Annotated[tuple[float, ...], AfterValidator(_sixteen)]
 
 
 class ViewCamera(CameraEntry):
@@ -62,13 +72,13 @@ class ViewEntry(Settings):
     file: str = Field(min_length=1, description='name of the picture, relative to views.yaml; or '
                       'of a light field, .npz of pmcl decode, of which the centre view is meant')
     camera: str = Field('', description='name of its camera; a light field (.npz) has its own')
-    camera_to_reference: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] = Field(
+    camera_to_reference: _Matrix = Field(
         (1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.),
         description='pose of its optical frame, 4x4, row by row [m]; may be left out of a single '
         'view')
-    mount_to_base: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None = (
-        Field(None, description='for pmcl handeye, in place of camera_to_reference: pose of the '
-              "arm's link that carries camera or board, 4x4, row by row [m]"))
+    mount_to_base: _Matrix | None = Field(
+        None, description='for pmcl handeye, in place of camera_to_reference: pose of the '
+        "arm's link that carries camera or board, 4x4, row by row [m]")
     sigma_mm: float = Field(0.0, ge=0, le=1e4, description='standard deviation of the position on '
                             'each axis [mm]')
     sigma_deg: float = Field(0.0, ge=0, le=180, description='standard deviation of the rotation '
