@@ -120,7 +120,7 @@ class ViewsFile(Settings):
     """views.yaml: cameras, views, and the frame of their poses."""
 
     cameras: dict[str, ViewCamera] = Field({}, description='by name')
-    views: list[ViewEntry] = Field(min_length=1, description='in any order')
+    views: list[ViewEntry] = Field(description='in any order')
     reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
     bits: Bits = 16
 
@@ -128,6 +128,13 @@ class ViewsFile(Settings):
     def posed(self) -> bool:
         """Whether the poses of the cameras are given."""
         return 'camera_to_reference' in self.views[0].model_fields_set
+
+    @field_validator('views')
+    @classmethod
+    def _some(cls, views: list[ViewEntry]) -> list[ViewEntry]:
+        if not views:
+            raise ValueError('there is no view; at least one is needed')
+        return views
 
     @model_validator(mode='after')
     def _whole(self) -> 'ViewsFile':

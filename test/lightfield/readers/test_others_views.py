@@ -178,6 +178,7 @@ def test_a_model_without_a_metric_scale_is_refused(tmp_path):
     (lambda text: text.replace('7 b.png', '8 b.png'), "of the camera '8', cameras has 7"),
     (lambda text: text.replace('c.png', 'a.png'), 'a.png is there more than once'),
     (lambda text: text.replace('c.png', 'd.png'), 'there is no .*d.png'),
+    (lambda text: text[:0], 'there is no view; at least one is needed'),
     (lambda text: text.replace('\n\n', '\n'), r'images.txt:5: expected the points of the image'),
     (lambda text: text.replace('\n\n', '\n').replace('c.png', 'c d e.png'),
      r'images.txt:5: expected the points of the image'),

@@ -232,7 +232,7 @@ def camera(**values):
     (camera(widht=3), 'cameras.wrist.widht: there is no such key; did you mean width?'),
     (view(fx=3), 'views.0.fx: there is no such key'),
     ({'view': []}, 'view: there is no such key'),
-    ({'views': []}, 'views: .*at least 1'),
+    ({'views': []}, 'views: there is no view; at least one is needed'),
     ({'cameras': {}}, "of the camera 'wrist', cameras has none"),
     (view(camera='arm'), "is of the camera 'arm', cameras has wrist"),
     (view(pose=[1], place=[2]), r'views.0.place: there is no such key; views.0.pose: there is no '
