@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from pmcl_ros.cli.base import FOLDER, FORCE, Needed
-from pmcl_ros.cli.sources import GivenSource, view_options
+from pmcl_ros.cli.sources import GivenSource, posed_options
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import is_light_field
@@ -24,7 +24,7 @@ def bag() -> None:
 
 
 @bag.command('record')
-@view_options
+@posed_options
 @click.argument('folder', type=FOLDER)
 def bag_record(source: GivenSource, folder: Path) -> None:
     """Make the bag FOLDER from SOURCE.

@@ -8,7 +8,7 @@ import numpy as np
 
 from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, view_options
+from pmcl_ros.cli.sources import GivenSource, posed_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
@@ -20,7 +20,7 @@ from pmcl_ros.runtime.errors import SettingsError
 
 
 @click.command('next-view')
-@view_options
+@posed_options
 @click.option('--object', 'object_path', required=True, type=OBJECT,
               help='A mesh, or an object YAML.')
 @region_options

@@ -1,6 +1,7 @@
 """Opens a source: a raw picture with its camera, views, ordinary pictures, or a bag of these."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from pathlib import Path
@@ -22,7 +23,7 @@ from pmcl_ros.cli.base import (
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import (
     Source,
@@ -30,11 +31,10 @@ from pmcl_ros.lightfield.readers.read import (
     has_posed_views,
     is_colmap,
     is_light_field,
-    read_source,
 )
-from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.messages.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
@@ -49,8 +49,7 @@ _OF_RAW = (
     click.option('--white', type=WHITE, help="Of a raw picture: the camera's white image, "
                  'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
                  'the picture is chosen.'))
-_OF_VIEWS = (
-    click.argument('source', type=SOURCE),
+_OF_READING = (
     click.option('--every', type=click.IntRange(1), default=1, metavar='K',
                  help='Of a light field: each K-th view alone.'),
     click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
@@ -66,6 +65,16 @@ _OF_VIEWS = (
                  + (BagViews.model_fields['pose_topic'].description or '')),
     click.option('--collect', type=FILE, help="Of a robot's bag: YAML with parameters of "
                  'sweep_driver (near, gap, mount_position, fixed_frame, ...).'))
+_OF_POSES = (
+    click.option('--sigma-mm', type=click.FloatRange(0, 1e4), metavar='MM', help='Of posed views: '
+                 "standard deviation of the position of a camera's pose on each axis, as "
+                 'sigma_mm of views.yaml, and in place of it. A COLMAP model and a BOP scene '
+                 'state none: there it is 0 by default.'),
+    click.option('--sigma-deg', type=click.FloatRange(0, 180), metavar='DEG', help='Likewise: of '
+                 'its rotation about each axis.'),
+    click.option('--common', type=click.FloatRange(0, 1), metavar='SHARE', help='Of the variances '
+                 'of --sigma-mm and --sigma-deg: what all views have in common. Default: as '
+                 'SOURCE states it; else none.'))
 
 
 class Opened(NamedTuple):
@@ -76,11 +85,10 @@ class Opened(NamedTuple):
     serial: str = ''
 
 
-@dataclass(frozen=True)
-class GivenSource:
-    """The arguments of a command that say where the pictures are, and how to read them."""
+@dataclass(frozen=True, kw_only=True)
+class GivenReading:
+    """The options of a command that say how pictures are read."""
 
-    source: Path
     every: int = 1
     shrink: int = 1
     scale: float | None = None
@@ -88,27 +96,74 @@ class GivenSource:
     image_topic: str | None = None
     pose_topic: str | None = None
     collect: Path | None = None
+    sigma_mm: float | None = None
+    sigma_deg: float | None = None
+    common: float | None = None
+
+    def reading(self, sources: Collection[Path], where: str) -> Reading:
+        """How to read sources. Raises UsageError for options that are for none of them.
+
+        where: subject and verb of that error. Raises SettingsError for a wrong file.
+        """
+        if self.scale is not None and self.distance is not None:
+            raise click.UsageError('--scale and --distance say the same: give one')
+        if (self.scale or self.distance) is not None and not any(map(is_colmap, sources)):
+            raise click.UsageError(f'{where} no COLMAP model: --scale and --distance are for '
+                                   'COLMAP models')
+        bag = self._bag_views()
+        if bag is not None and not any(map(is_bag, sources)):
+            raise click.UsageError(f'{where} no bag: --image-topic, --pose-topic and --collect '
+                                   'are for bags')
+        return Reading(self.every, self.shrink, Metric(self.scale, self.distance), bag,
+                       self._errors())
+
+    def _bag_views(self) -> BagViews | None:
+        """How images with poses of a bag are read, where that is said."""
+        topics = {'image_topic': self.image_topic, 'pose_topic': self.pose_topic}
+        values = {} if self.collect is None else read_yaml(self.collect)
+        values |= {name: each for name, each in topics.items() if each is not None}
+        return BagViews.make(values, str(self.collect or 'topics')) if values else None
+
+    def _errors(self) -> PoseErrors | None:
+        if self.sigma_mm is None and self.sigma_deg is None:
+            if self.common is not None:
+                raise click.UsageError('--common is a share of what --sigma-mm and --sigma-deg '
+                                       'say: give these too')
+            return None
+        return PoseErrors(None if self.sigma_mm is None else 1e-3 * self.sigma_mm,
+                          None if self.sigma_deg is None else math.radians(self.sigma_deg),
+                          self.common)
+
+
+@dataclass(frozen=True)
+class GivenSource(GivenReading):
+    """The arguments of a command that say where the pictures are, and how to read them."""
+
+    source: Path
     calibration: Path | None = None
     white: Path | None = None
     takes_raw: bool = True
 
     def open(self) -> Opened:
         """Read what must be there: calibration, white image, a bag."""
-        if self.scale is not None and self.distance is not None:
-            raise click.UsageError('--scale and --distance say the same: give one')
-        self._check_scale()
+        reading = self._reading()
+        opened = self._open(reading)
+        if reading.errors is not None and not opened.posed:
+            raise click.UsageError(f'{self.source} has no poses of its cameras: --sigma-mm and '
+                                   '--sigma-deg are errors of such')
+        return opened
+
+    def _reading(self) -> Reading:
+        return self.reading([self.source], f'{self.source} is')
+
+    def _open(self, reading: Reading) -> Opened:
         if is_bag(self.source):
-            return self._open_bag()
-        if self._bag_views() is not None:
-            raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
-                                   '--collect are for bags')
+            return self._open_bag(reading)
         if is_light_field(self.source):
             if self.source.is_dir():
-                self._check_folder()
+                self._check_folder(reading)
             self._check_no_raw()
-            return Opened(partial(read_source, self.source, self.every, self.shrink,
-                                  Metric(self.scale, self.distance)),
-                          has_posed_views(self.source))
+            return Opened(partial(reading.read, self.source), has_posed_views(self.source))
         suffix = self.source.suffix.lower()
         if suffix in _OF_BAGS:
             raise click.UsageError(f'{self.source} is a file of a bag: give its folder, with '
@@ -126,23 +181,23 @@ class GivenSource:
         self.check_of_raw()
         return _decoded(read_raw_frame(self.source), self.calibration, self.white)
 
-    def _open_bag(self) -> Opened:
+    def _open_bag(self, reading: Reading) -> Opened:
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a bag: --every and --shrink are for light '
                                    'fields; of images with poses shrink is a key of --collect')
-        capture = read_bag(self.source, self._bag_views())
+        capture = reading.read_bag(self.source)
         if isinstance(capture, RawFrame):
             return _decoded(capture, self.calibration or _configured('calibration'),
                             self.white or _configured('white'))
         self._check_no_raw()
         return Opened(lambda: capture, isinstance(capture, PosedViews))
 
-    def _check_folder(self) -> None:
+    def _check_folder(self, reading: Reading) -> None:
         try:
             check_folder(self.source)
         except LightFieldError:
             if any(self.source.glob('*.mcap')):
-                self._open_bag()  # it is none either: what it lacks is said
+                self._open_bag(reading)  # it is none either: what it lacks is said
             raise
 
     def check_of_raw(self) -> None:
@@ -150,28 +205,14 @@ class GivenSource:
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
                                    'light fields')
-        self._check_scale()
-        if self._bag_views() is not None:
-            raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
-                                   '--collect are for bags')
+        if self._reading().errors is not None:
+            raise click.UsageError(f'{self.source} is a raw picture: --sigma-mm and --sigma-deg '
+                                   'are for posed views')
 
     def _check_no_raw(self) -> None:
         if self.calibration is not None or self.white is not None:
             raise click.UsageError(f'{self.source} is no raw picture: --calibration and --white '
                                    'are for these')
-
-    def _check_scale(self) -> None:
-        given = self.scale is not None or self.distance is not None
-        if given and not is_colmap(self.source):
-            raise click.UsageError(f'{self.source} is no COLMAP model: --scale and --distance are '
-                                   'for COLMAP models')
-
-    def _bag_views(self) -> BagViews | None:
-        """How images with poses of a bag are read, where that is said."""
-        topics = {'image_topic': self.image_topic, 'pose_topic': self.pose_topic}
-        values = {} if self.collect is None else read_yaml(self.collect)
-        values |= {name: each for name, each in topics.items() if each is not None}
-        return BagViews.make(values, str(self.collect or 'topics')) if values else None
 
 
 def view_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -181,12 +222,17 @@ def view_options(command: Callable[..., None]) -> Callable[..., None]:
         given = {each.name: values.pop(each.name) for each in fields(GivenSource)
                  if each.name in values}
         command(source=GivenSource(**given, takes_raw='calibration' in given), **values)
-    return with_options(_OF_VIEWS, with_source)
+    return with_options((click.argument('source', type=SOURCE), *_OF_READING), with_source)
+
+
+def posed_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Those of `view_options`, and of the errors of the cameras' poses."""
+    return with_options(_OF_POSES, view_options(command))
 
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Those of `view_options`, of a command that takes raw pictures too."""
-    return with_options(_OF_RAW, view_options(command))
+    """Those of `posed_options`, of a command that takes raw pictures too."""
+    return with_options(_OF_RAW, posed_options(command))
 
 
 def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,

@@ -165,3 +165,25 @@ class PosedViews:
     def header(self) -> Header:
         """The stamp of the last view, and the reference frame."""
         return max((each.header for each in self.views), key=lambda header: header.stamp_ns)
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of camera poses that a user states, for views whose source does not, or otherwise.
+
+    position [m], rotation [rad]: standard deviations on each axis. common: share of the variance
+    that all views have in common. None: as the views have it.
+    """
+
+    position: float | None = None
+    rotation: float | None = None
+    common: float | None = None
+
+    def of(self, views: PosedViews) -> PosedViews:
+        """The views with these errors. Raises LightFieldError for impossible ones."""
+        found = [replace(each, sigma=(
+            each.sigma[0] if self.position is None else self.position,
+            each.sigma[1] if self.rotation is None else self.rotation)) for each in views.views]
+        if self.common is not None:
+            found = [replace(each, group='all', common=self.common) for each in found]
+        return PosedViews(tuple(found))

@@ -16,6 +16,8 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 
 _LOG = logging.getLogger(__name__)
+_ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigma_mm and '
+           'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 
 
@@ -102,8 +104,8 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
     _LOG.warning(
         'found with camera poses that fit the surroundings, up to %.1f mm and %.1f degrees off '
         'those told: matches in the pictures are %.1f px apart with the told ones, %.1f px with '
-        'these; check the hand-eye transform, or state sigma_mm and sigma_deg', 1e3 * position,
-        np.rad2deg(rotation), adjusted.before, adjusted.after)
+        f'these; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
+        adjusted.after)
     return found, fitting
 
 
@@ -118,5 +120,4 @@ def _tell_if_off(evidence: ViewsEvidence, lost: Found, search: _Search) -> None:
         replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
     if not search(loose).estimate.lost:
         _LOG.warning('lost with camera poses that are exact, found if they are off by %.1f mm and '
-                     '%.1f degrees: check the hand-eye transform, or state sigma_mm and sigma_deg',
-                     1e3 * _OFF[0], np.rad2deg(_OFF[1]))
+                     f'%.1f degrees: {_ADVICE}', 1e3 * _OFF[0], np.rad2deg(_OFF[1]))

@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from click import UsageError
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
+from pmcl_ros.cli.sources import GivenSource
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import bop as bop_reader
 from pmcl_ros.lightfield.readers.colmap import Metric
@@ -171,6 +173,33 @@ def test_a_model_without_a_metric_scale_is_refused(tmp_path):
         'localize', str(folder), '--object', str(folder / 'sparse/0/cameras.txt'), '--roi',
         *['0', '0', '1', '1', '1', '1'], '--scale', '1', '--distance', 'a.png', 'b.png', '1'])
     assert '--scale and --distance say the same: give one' in result.output
+
+
+def test_errors_of_the_poses_of_a_model_are_stated_by_options(tmp_path, caplog):
+    folder = colmap(tmp_path)
+
+    def stated(path=folder, scale=1.0, **given):
+        views = GivenSource(path, scale=scale, **given).open().read().views
+        return {(*each.sigma, each.common if each.group else 0.0) for each in views}
+    assert stated() == {(0.0, 0.0, 0.0)}
+    assert stated(sigma_mm=2.0) == {(0.002, 0.0, 0.0)}  # as in views.yaml without a group
+    both = {'sigma_mm': 1.0, 'sigma_deg': 0.2, 'common': 0.5}
+    given = (0.001, np.deg2rad(0.2), 0.5)
+    assert stated(**both) == {given}
+    assert not caplog.records
+    own(tmp_path / 'own')
+    path = tmp_path / 'own' / 'views.yaml'
+    values = yaml.safe_load(path.read_text())
+    for each in values['views']:
+        each |= {'sigma_mm': 5.0, 'sigma_deg': 1.0, 'group': 'arm', 'common': 0.25}
+    path.write_text(yaml.safe_dump(values))
+    assert stated(path, None, sigma_mm=2.0) == {(0.002, np.deg2rad(1.0), 0.25)}
+    assert stated(path, None, **both) == {given}
+    assert [each.getMessage() for each in caplog.records] == [
+        f'{path}: its camera poses count as {mm} mm and {deg} degrees off, in place of 5 mm and '
+        '1 degrees' for mm, deg in ((2, 1), (1, 0.2))]
+    with pytest.raises(UsageError, match='give these too'):
+        stated(common=0.5)
 
 
 @pytest.mark.parametrize(('change', 'reason'), [

@@ -161,18 +161,17 @@ def test_poses_and_their_errors_are_read(tmp_path):
         np.testing.assert_array_equal(one.camera_to_reference, other.camera_to_reference)
 
 
-@pytest.mark.parametrize(('apart', 'differ'), [(0, True), (0.001, True), (0, False)])
-def test_one_pose_of_different_pictures_is_told(tmp_path, caplog, apart, differ):
+@pytest.mark.parametrize('apart', [0, 0.001])
+def test_one_pose_of_different_pictures_is_told(tmp_path, caplog, apart):
     folder = write(tmp_path, whole(VALUES, 255, np.uint8))
-    cv2.imwrite(str(folder / 'two.png'), whole(1 - VALUES if differ else VALUES[..., ::-1], 255,
-                                               np.uint8))
+    cv2.imwrite(str(folder / 'two.png'), whole(1 - VALUES, 255, np.uint8))
     pose = np.eye(4)
     pose[0, 3] = apart
     changed(folder, views=[
         view(camera_to_reference=np.eye(4).ravel().tolist())['views'][0],
         view(file='two.png', camera_to_reference=pose.ravel().tolist())['views'][0]])
     assert len(read_source(folder).views) == 2
-    assert caplog.messages == (apart == 0 and differ) * [
+    assert caplog.messages == (apart == 0) * [
         f'{folder}: all 2 views have the same pose, and different pictures: does each have its '
         'own camera_to_reference?']
 

@@ -1,0 +1,54 @@
+"""How pictures are read, where their files do not tell all: options of commands."""
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
+from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.read import Source, read_source
+from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.messages.bag_views import BagViews
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a source is read.
+
+    every, shrink, metric: as of `read_source`. bag: how images with poses of a bag become views.
+    errors: of the poses of posed views, in place of those that the source states.
+    """
+
+    every: int = 1
+    shrink: int = 1
+    metric: Metric | None = None
+    bag: BagViews | None = None
+    errors: PoseErrors | None = None
+
+    def read(self, path: Path) -> Source:
+        """Read what is no bag. Raises as `read_source`."""
+        found = read_source(path, self.every, self.shrink, self.metric)
+        return self._stated(found, path) if isinstance(found, PosedViews) else found
+
+    def read_bag(self, path: Path) -> RawFrame | Source:
+        """Read a capture of a bag. Raises BagError."""
+        found = read_bag(path, self.bag)
+        return self._stated(found, path) if isinstance(found, PosedViews) else found
+
+    def _stated(self, read: PosedViews, path: Path) -> PosedViews:
+        """Views with the errors; a warning tells which other ones they had."""
+        if self.errors is None:
+            return read
+        found = self.errors.of(read)
+        (told, turned), (given, by) = (np.max([each.sigma for each in views.views], axis=0)
+                                       for views in (read, found))
+        if (told or turned) and (told, turned) != (given, by):
+            _LOG.warning('%s: its camera poses count as %.3g mm and %.3g degrees off, in place of '
+                         '%.3g mm and %.3g degrees', path, 1e3 * given, np.rad2deg(by),
+                         1e3 * told, np.rad2deg(turned))
+        return found
