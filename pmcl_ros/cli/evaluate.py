@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -24,6 +25,7 @@ from pmcl_ros.cli.base import (
     results_in,
 )
 from pmcl_ros.cli.cameras.calibrate import run_calibration
+from pmcl_ros.cli.sources import GivenReading, reading_options
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
 from pmcl_ros.evaluation.captures import Capture, find_captures, select
@@ -35,6 +37,7 @@ from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import Results
 
@@ -79,23 +82,25 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
 @click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
               "(results.md), poses in BOP's format (bop_*.csv), charts (PNG) and what they were "
               'made with (settings.json).')
+@reading_options
 @FORCE
 def evaluate(captures: Path, calibration: Path | None, white: Path | None, corners: str,
              square: float, modes: str, changes: tuple[str, ...], sweeps: tuple[str, ...],
              trials: int, only: tuple[str, ...], wrong_objects: bool,
              object_ids: tuple[int, ...], views: int | None, targets: Path | None,
-             processes: int | None, out: Path | None, force: bool) -> None:
+             processes: int | None, out: Path | None, given: GivenReading, force: bool) -> None:
     """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and report the errors.
 
     CAPTURES may be of a BOP data set too: a scene with scene_camera.json and scene_gt.json, or a
     folder of scenes. Without camera poses each picture is localised alone.
 
     Without --calibration the camera is calibrated first, from the pictures of a checkerboard that
-    lie there too. A picture may be a light field, as `pmcl localize` takes: it needs none.
+    lie there too. A picture may be whatever `pmcl localize` takes: what is not raw needs none.
 
     Ctrl-C ends it, with the tables of what has been done so far and exit status 130.
     """
-    chosen = select(_find(captures, object_ids, views, targets), only, captures)
+    chosen = _read_by(given, select(_find(captures, object_ids, views, targets), only, captures),
+                      captures)
     others = _find(captures, (), views, None) if wrong_objects else []
     variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
                 *(row for each in sweeps for row in sweep(each))]
@@ -119,7 +124,7 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
         if done:
             _report(plan, done, results)
             if results is not None:
-                files = [] if calibration is None else [calibration]
+                files = [each for each in (calibration, given.collect) if each is not None]
                 files += [] if camera is None else list_pictures(camera[1])
                 used = settings(plan, files, count, time.perf_counter() - started)
                 results.path('settings.json').write_text(json.dumps(used, indent=1) + '\n')
@@ -143,6 +148,19 @@ def _find(folder: Path, object_ids: tuple[int, ...], views: int | None, targets:
         raise click.UsageError(f'{folder} has no BOP scene with scene_camera.json and '
                                'scene_gt.json: --object-id, --views and --targets are of those')
     return find_captures(folder)
+
+
+def _read_by(given: GivenReading, captures: Sequence[Capture], folder: Path) -> list[Capture]:
+    """The captures, read as options say; UsageError for options that are for none of them."""
+    reading = given.reading([each.source for each in captures], f'{folder} has')
+    if (given.every, given.shrink) != (1, 1) and all(
+            each.picture is not None or is_bag(each.source) for each in captures):
+        raise click.UsageError(f'{folder} has only raw pictures or bags: --every and --shrink '
+                               'are for light fields and ordinary pictures')
+    if reading.errors is not None and not any(each.may_be_posed for each in captures):
+        raise click.UsageError(f'{folder} has no pictures with poses of their cameras: --sigma-mm '
+                               'and --sigma-deg are errors of such')
+    return [replace(each, reading=reading) for each in captures]
 
 
 @contextlib.contextmanager

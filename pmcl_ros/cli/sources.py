@@ -225,6 +225,15 @@ def view_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_options((click.argument('source', type=SOURCE), *_OF_READING), with_source)
 
 
+def reading_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of how pictures are read; the command gets them as `given`, a GivenReading."""
+    @wraps(command)
+    def with_given(**values: Any) -> None:
+        given = {each.name: values.pop(each.name) for each in fields(GivenReading)}
+        command(given=GivenReading(**given), **values)
+    return with_options((*_OF_READING, *_OF_POSES), with_given)
+
+
 def posed_options(command: Callable[..., None]) -> Callable[..., None]:
     """Those of `view_options`, and of the errors of the cameras' poses."""
     return with_options(_OF_POSES, view_options(command))

@@ -17,9 +17,8 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers import bop
-from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.posed_views import views_of
-from pmcl_ros.lightfield.readers.read import Source, read_source
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.text_file import parse_json, read_text
@@ -82,6 +81,11 @@ class BopCapture(Capture):
         """The numbers of the scene, the first picture and the object."""
         return _number(self.source), int(self.pictures[0].stem), self.object_id
 
+    @property
+    def may_be_posed(self) -> bool:
+        """Whether it is of several pictures."""
+        return len(self.pictures) > 1
+
     def shows(self, other: Capture) -> bool:
         """Whether the object of another capture is in the scene."""
         return isinstance(other, BopCapture) and other.object_id in self.there
@@ -89,9 +93,10 @@ class BopCapture(Capture):
     def read(self, decoders: Decoders | None) -> Source:  # noqa: ARG002
         """The picture, or the views."""
         if len(self.pictures) == 1:
-            return read_source(self.pictures[0])
+            return self.reading.read(self.pictures[0])
         of, folder = bop.load(self.source, numbers={int(each.stem) for each in self.pictures})
-        return PosedViews(views_of(of, folder, str(self.source), Reduction()))
+        views = PosedViews(views_of(of, folder, str(self.source), self.reading.reduction))
+        return self.reading.stated(views, self.source)
 
     def files(self) -> list[Path]:
         """The pictures, the mesh, and what is known of them."""

@@ -6,7 +6,7 @@ objects in the same picture have a model.obj and a truth.json in subfolders.
 
 import logging
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -15,9 +15,9 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import Source, read_source
-from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.lightfield.readers.read import Source, has_posed_views
 from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.messages.reading import Reading
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import SettingsError
@@ -31,7 +31,8 @@ class Capture:
     """One object in one picture: a raw one, a light field, views (`read_source`), or their bag.
 
     folder: of the object's truth and model. source: of the picture. name: of the capture.
-    pictures: the files that are localised together; empty: all of `source`.
+    pictures: the files that are localised together; empty: all of `source`. reading: how they are
+    read, of all but raw pictures.
     """
 
     folder: Path
@@ -39,6 +40,7 @@ class Capture:
     source: Path
     name: str
     pictures: tuple[Path, ...] = ()
+    reading: Reading = field(default_factory=Reading)
 
     @classmethod
     def load(cls, folder: Path, source: Path | None = None) -> 'Capture':
@@ -93,6 +95,11 @@ class Capture:
             return None
         return list_pictures(self.source)[0]
 
+    @property
+    def may_be_posed(self) -> bool:
+        """Whether it is of posed views; or of a bag, which is not looked into."""
+        return is_bag(self.source) or has_posed_views(self.source)
+
     def light_field(self, decoders: Decoders | None = None) -> LightField:
         """The views, as `read` makes them; SettingsError for an ordinary picture."""
         read = self.read(decoders)
@@ -104,13 +111,13 @@ class Capture:
     def read(self, decoders: Decoders | None) -> Source:
         """The light field or the views. decoders: of the camera of a raw picture."""
         if self.picture is None:
-            return self._read_bag() if is_bag(self.source) else read_source(self.source)
+            return self._read_bag() if is_bag(self.source) else self.reading.read(self.source)
         if decoders is None:
             raise SettingsError(f'{self.picture} is a raw picture: its calibration is needed')
         return decoders.decode(read_raw_frame(self.picture))
 
     def _read_bag(self) -> Source:
-        found = read_bag(self.source)
+        found = self.reading.read_bag(self.source)
         if isinstance(found, RawFrame):
             raise SettingsError(f'{self.source} is a bag of raw pictures: pmcl bag extract makes '
                                 'files of them')

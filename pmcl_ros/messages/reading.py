@@ -9,6 +9,7 @@ import numpy as np
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
 from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bag_views import BagViews
@@ -30,17 +31,22 @@ class Reading:
     bag: BagViews | None = None
     errors: PoseErrors | None = None
 
+    @property
+    def reduction(self) -> Reduction:
+        """What is left out of pictures."""
+        return Reduction(self.every, self.shrink)
+
     def read(self, path: Path) -> Source:
         """Read what is no bag. Raises as `read_source`."""
         found = read_source(path, self.every, self.shrink, self.metric)
-        return self._stated(found, path) if isinstance(found, PosedViews) else found
+        return self.stated(found, path) if isinstance(found, PosedViews) else found
 
     def read_bag(self, path: Path) -> RawFrame | Source:
         """Read a capture of a bag. Raises BagError."""
         found = read_bag(path, self.bag)
-        return self._stated(found, path) if isinstance(found, PosedViews) else found
+        return self.stated(found, path) if isinstance(found, PosedViews) else found
 
-    def _stated(self, read: PosedViews, path: Path) -> PosedViews:
+    def stated(self, read: PosedViews, path: Path) -> PosedViews:
         """Views with the errors; a warning tells which other ones they had."""
         if self.errors is None:
             return read

@@ -16,6 +16,7 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.camera.files import write_raw_frame
+from pmcl_ros.lightfield.readers.read import read_light_field
 
 
 @pytest.fixture(scope='module')
@@ -151,6 +152,15 @@ def test_an_interrupted_run_writes_what_it_has(captures, tmp_path, number, proce
     while group_lives(process.pid) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not group_lives(process.pid)
+
+
+def test_views_are_read_as_the_options_say(captures, tmp_path):
+    pmcl('evaluate', captures, '--only', 'glass', '--trials', 1, '--processes', 1, '--modes',
+         'centre', '--shrink', 2, '--out', tmp_path)
+    width, = {int(each['width_px']) for each in rows_of(tmp_path / 'results.csv')}
+    assert width == read_light_field(captures / 'glass').grid.pinhole.width // 2
+    done = pmcl('evaluate', captures, '--sigma-mm', 1, status=2)
+    assert 'has no pictures with poses of their cameras' in ' '.join(done.stderr.split())
 
 
 def test_what_cannot_be_done_is_told_at_once(captures):

@@ -11,6 +11,7 @@ import trimesh
 import yaml
 from click import UsageError
 from command_line import pmcl
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli.sources import GivenSource
 from pmcl_ros.evaluation.captures import Capture
@@ -124,6 +125,59 @@ def test_a_robot_s_bag_has_the_pose_of_the_views_where_it_rested(capture, expect
         np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-9)
 
 
+def colmap_model(folder, views, scale):
+    """The same views, where a unit is `scale` metres."""
+    (folder / 'images').mkdir(parents=True)
+    of = views[0].pinhole
+    (folder / 'cameras.txt').write_text(f'1 PINHOLE {of.width} {of.height} {of.fx} {of.fy} '
+                                        f'{of.cx + 0.5} {of.cy + 0.5}\n')
+    lines = []
+    for number, view in enumerate(views):
+        cv2.imwrite(str(folder / 'images' / f'{number}.png'), view.displayed()[..., ::-1])
+        back = np.linalg.inv(view.camera_to_reference)
+        x, y, z, w = Rotation.from_matrix(back[:3, :3]).as_quat()
+        place = ' '.join(map(str, back[:3, 3] / scale))
+        lines += [f'{number} {w} {x} {y} {z} {place} 1 {number}.png', '']
+    (folder / 'images.txt').write_text('\n'.join(lines) + '\n')
+
+
+def test_a_colmap_model_and_a_robot_s_bag_are_evaluated_as_the_views(capture, tmp_path):
+    captures, views = tmp_path / 'captures', read_source(capture)
+    shutil.copytree(capture, captures / 'views')
+    colmap_model(captures / 'colmap', views.views, 2.5)
+    robots_bag(captures / 'bag', views)
+    for name in ('bag', 'colmap'):
+        for known in ('model.obj', 'truth.json'):
+            shutil.copy(capture / known, captures / name)
+    settings = tmp_path / 'collect.yaml'
+    settings.write_text('{sigma_position: 0.5, gap: 0.3}')
+    pmcl('evaluate', captures, '--trials', 1, '--processes', 2, '--out', tmp_path / 'out',
+         '--scale', 2.5, '--image-topic', '/eye/image', '--collect', settings,
+         '--sigma-mm', 1, '--sigma-deg', 0.2, '--common', 0)
+    assert 'collect.yaml' in json.loads((tmp_path / 'out' / 'settings.json').read_text())['files']
+    rows = results(tmp_path / 'out')
+    assert [each['capture'] for each in rows] == ['bag', 'colmap', 'views']
+    assert not any(each['lost'] == 'True' for each in rows)
+    for name in ('pose', 'told_mm'):
+        bag, colmap, own = (np.array(each[name].split(), float) for each in rows)
+        np.testing.assert_allclose(bag, own, rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(colmap, own, rtol=1e-3, atol=1e-3)
+
+
+def results(folder):
+    with (folder / 'results.csv').open() as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.parametrize(('more', 'reason'), [
+    (('--scale', 2), 'has no COLMAP model: --scale and --distance'),
+    (('--pose-topic', '/tf'), 'has no bag: --image-topic'),
+    (('--common', 0.5), 'give these too')])
+def test_options_of_reading_without_effect_are_refused(capture, more, reason):
+    done = pmcl('evaluate', capture.parent, *more, status=2)
+    assert reason in ' '.join(done.output.split())
+
+
 def test_topics_are_of_bags(capture):
     with pytest.raises(UsageError, match=r'is no bag: --image-topic'):
         GivenSource(capture, pose_topic='/tf').open()
@@ -201,8 +255,7 @@ def test_a_scene_with_truth_is_evaluated(scene, capture, tmp_path):
         'cam_t_m2c': (1000 * each[:3, 3]).tolist()}] for number, each in enumerate(poses)}))
     out = tmp_path / 'out'
     pmcl('evaluate', scene.parent, '--trials', 1, '--processes', 1, '--out', out)
-    with (out / 'results.csv').open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = results(out)
     assert [each['capture'] for each in rows] == [
         f'000004/{number:06d}/obj_000003' for number in (0, 1)]
     for row, pose in zip(rows, poses, strict=True):

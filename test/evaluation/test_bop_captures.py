@@ -1,6 +1,7 @@
 """Scenes of a BOP data set as captures: true poses in their frames, groups, what is left out."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,8 @@ from pmcl_ros.evaluation.captures import select
 from pmcl_ros.evaluation.records import settings, write_bop
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, PoseErrors
+from pmcl_ros.messages.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
 
 PICTURES = 7
@@ -97,6 +99,10 @@ def test_views_with_poses_are_localised_together_in_the_world(scene):
     for view, number in zip(views.views, (1, 3, 5), strict=True):
         np.testing.assert_allclose(view.camera_to_reference, CAMERAS[number], atol=1e-12)
         assert view.displayed().max() == number
+    reading = Reading(shrink=2, errors=PoseErrors(0.001, 0.01))
+    for view in replace(found[2], reading=reading).read(None).views:
+        assert view.picture.shape[:2] == (4, 5)
+        assert view.sigma == (0.001, 0.01)
 
 
 @pytest.mark.parametrize(('posed', 'views'), [(False, 5), (True, 1)])
