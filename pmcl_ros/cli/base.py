@@ -50,15 +50,21 @@ RAW, RAW_FOLDER = Needed(_RAW), Needed(_RAW, folder=True)
 WHITE = Needed(OF_CAMERA, folder=True)
 SOURCE = Needed('Pictures of ordinary cameras have a views.yaml beside them: '
                 'docs/howto/one_picture.md; pmcl camera capture takes raw ones', folder=True)
+FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
+
 _PROCESSES = (
     click.option('--jobs', type=click.IntRange(1), default=1, show_default=True,
-                 help='Processes; one uses all cores already.'),
+                 help='Processes; one may use all cores already.'),
     click.option('--backend', type=click.Choice(['loky', 'dask']), default='loky',
-                 show_default=True,
-                 help='Of joblib: processes of this machine, or a Dask cluster.'),
+                 show_default=True, help='Of joblib: processes of this machine, or a Dask '
+                 'cluster.'),
     click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. '
                  'Its workers write to the same folder.'))
-FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
+
+
+def process_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of `run_all`: --jobs, --backend, --scheduler (`check_scheduler`)."""
+    return with_options(_PROCESSES, command)
 
 
 def check_scheduler(backend: str, scheduler: str | None) -> None:
@@ -80,11 +86,6 @@ def with_options(options: Sequence[Callable[..., Any]], command: Callable[..., A
     for option in reversed(options):
         command = option(command)
     return command
-
-
-def process_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of `run_all`: jobs, backend, scheduler."""
-    return with_options(_PROCESSES, command)
 
 
 def calibration_type(text: str) -> Path:

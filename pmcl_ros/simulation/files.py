@@ -36,14 +36,15 @@ _STEP = 2.0 ** -10  # of a view's values: far below their noise, and half the by
 
 
 def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: int,
-                  force: bool = False) -> None:
+                  force: bool = False, digest: str = '') -> None:
     """Write views.npz, model.obj, truth.json, centre.png, depth.npz into a folder.
 
     model.obj and truth.json are of the first target; those of other targets lie in numbered
     subfolders.
     A target with discrete symmetries, or of which a user says what it is made of, has a model.yaml
     too.
-    Views are kept with 11 bits of precision, far below their noise.
+    Views are kept with 11 bits of precision, far below their noise. digest: of what the capture
+    was made of, for truth.json.
     """
     light_field = capture.light_field
     with Results(folder, _COMMAND, force) as out:
@@ -51,7 +52,7 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
                   replace(light_field, views=light_field.views.astype('f2')))
         write_png(out.path('centre.png'), light_field.picture())
         np.savez_compressed(out.path('depth.npz'), depth=capture.depth, labels=capture.labels)
-        _write_targets(out, scene, seed)
+        _write_targets(out, scene, seed, digest)
 
 
 def write_raw(folder: Path, scene: Scene, frame: RawFrame, seed: int, force: bool = False
@@ -64,7 +65,8 @@ def write_raw(folder: Path, scene: Scene, frame: RawFrame, seed: int, force: boo
 
 
 def write_view(folder: Path, scene: Scene, picture: NDArray[np.uint8],
-               camera: posed_views.ViewCamera, seed: int, force: bool = False) -> None:
+               camera: posed_views.ViewCamera, seed: int, force: bool = False, digest: str = ''
+               ) -> None:
     """Write view.png, views.yaml, model.obj, truth.json into a folder, as `write_capture` does.
 
     picture: (height, width, 3) RGB of the camera.
@@ -72,12 +74,12 @@ def write_view(folder: Path, scene: Scene, picture: NDArray[np.uint8],
     with Results(folder, _COMMAND, force) as out:
         write_png(out.path('view.png'), picture)
         _write_views(out, camera, [{'file': 'view.png'}])
-        _write_targets(out, scene, seed)
+        _write_targets(out, scene, seed, digest)
 
 
 def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]],
-                camera: posed_views.ViewCamera, plan: CameraPlan, seed: int, force: bool = False
-                ) -> None:
+                camera: posed_views.ViewCamera, plan: CameraPlan, seed: int, force: bool = False,
+                digest: str = '') -> None:
     """Write 000.png, ..., views.yaml, model.obj, truth.json into a folder.
 
     pictures: (height, width, 3) RGB each, from the plan's poses. The reference frame is that of
@@ -111,8 +113,8 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
         for entry, picture in zip(entries, shown, strict=True):
             write_png(out.path(entry['file']), picture)
         _write_views(out, camera, entries, 'room')
-        _write_targets(out, replace(scene, targets=targets), seed, 'object_to_reference', {
-            'cameras_to_reference': in_room(scene, cameras).tolist()})
+        _write_targets(out, replace(scene, targets=targets), seed, digest, 'object_to_reference',
+                       {'cameras_to_reference': in_room(scene, cameras).tolist()})
 
 
 def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dict[str, Any]],
@@ -127,10 +129,10 @@ def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dic
         yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
 
 
-def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_camera',
-                   more: dict[str, Any] | None = None) -> None:
+def _write_targets(out: Results, scene: Scene, seed: int, digest: str = '',
+                   key: str = 'object_to_camera', more: dict[str, Any] | None = None) -> None:
     """The last files of a capture. key: of the pose, after its frame. more: of each truth."""
-    for number, target in enumerate(scene.targets):
+    for number, target in reversed([*enumerate(scene.targets)]):  # truth.json itself is the last
         place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
         mesh.export(out.path(f'{place}model.obj'), digits=7)
@@ -138,8 +140,8 @@ def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_
             out.path(f'{place}model.yaml').write_text(
                 yaml.safe_dump({'mesh': 'model.obj'} | described))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
-        truth = {'name': scene.name, 'seed': seed, 'film': film, **_truth(target, key),
-                 **(more or {})}
+        truth = {'name': scene.name, 'seed': seed, **({'digest': digest} if digest else {}),
+                 'film': film, **_truth(target, key), **(more or {})}
         out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     out.remove_others()  # of another capture that was here
 

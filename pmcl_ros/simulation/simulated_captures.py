@@ -30,7 +30,8 @@ class Simulation:
     camera: an ordinary one, or a Lytro whose raw pictures are taken; None: light fields, rendered
     directly. plan: where an ordinary camera takes its pictures; None: one picture. renderer:
     `scenes.render.fast` or `path_tracing.render.physical`. along: the same for raw pictures.
-    samples: rays, or paths, of a pixel.
+    samples: rays, or paths, of a pixel. digest: of all this, kept in truth.json: a capture of
+    another one is made anew; '' where all captures of a folder are of one simulation.
     """
 
     draw: Callable[[int, np.random.Generator, Sensor | None], Scene]
@@ -39,6 +40,7 @@ class Simulation:
     renderer: Renderer = fast
     samples: int = 8
     along: RayRenderer = fast_along
+    digest: str = ''
 
 
 def place_of(seed: int, folder: Path) -> Path:
@@ -46,13 +48,12 @@ def place_of(seed: int, folder: Path) -> Path:
     return folder / f'{seed:06d}'
 
 
-def is_there(folder: Path) -> bool:
-    """Whether a capture was written completely: its truth is written last."""
+def is_there(folder: Path, digest: str = '') -> bool:
+    """Whether a capture of that digest was written completely: its truth is written last."""
     try:
-        read_json(folder / 'truth.json')
+        return read_json(folder / 'truth.json').get('digest', '') == digest
     except FileError:
         return False
-    return True
 
 
 def simulate(seed: int, folder: Path, of: Simulation,
@@ -65,7 +66,7 @@ def simulate(seed: int, folder: Path, of: Simulation,
     that no earlier run wrote.
     """
     place = place_of(seed, folder)
-    if is_there(place) and not force:
+    if is_there(place, of.digest) and not force:
         return place
     with Results(place, 'feasibility', force) as trials:  # of a picture that is made anew
         trials.path('trials.json').unlink(missing_ok=True)
@@ -73,14 +74,14 @@ def simulate(seed: int, folder: Path, of: Simulation,
     scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
     if of.camera is None:
         write_capture(place, scene, render(scene, rng, of.samples, progress, of.renderer), seed,
-                      force)
+                      force, of.digest)
     elif isinstance(of.camera, LytroCamera):
         frame = raw_picture(of.camera, of.along(scene), rng, of.samples, scene.sensor.level,
                             progress=progress)
         write_raw(place, scene, frame, seed, force)
     elif of.plan is None:
         picture = take_picture(scene, of.camera, rng, of.samples, of.renderer)
-        write_view(place, scene, picture, of.camera, seed, force)
+        write_view(place, scene, picture, of.camera, seed, force, of.digest)
     else:
         pictures, poses = [], of.plan.cameras(scene)
         shown = without_walls_between(scene, poses)
@@ -88,5 +89,5 @@ def simulate(seed: int, folder: Path, of: Simulation,
             pictures.append(take_picture(seen_from(shown, pose), of.camera, rng, of.samples,
                                          of.renderer))
             progress(len(pictures) / len(poses))
-        write_views(place, scene, pictures, of.camera, of.plan, seed, force)
+        write_views(place, scene, pictures, of.camera, of.plan, seed, force, of.digest)
     return place

@@ -1,26 +1,30 @@
 """`pmcl scenes`: light fields and pictures of generated scenes, with truth."""
 
+import hashlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
+from pmcl_ros import __version__
 from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler, process_options
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
-from pmcl_ros.simulation.camera_plan import CameraPlan, without_walls_between
-from pmcl_ros.simulation.files import write_capture, write_sequence, write_view, write_views
+from pmcl_ros.runtime.text_file import read_json
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.files import write_sequence
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
+from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.render import render, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
-from pmcl_ros.simulation.simulated_captures import NOTE
+from pmcl_ros.simulation.simulated_captures import NOTE, Simulation, simulate
 
 _SEQUENCE = SequenceSettings.model_fields
 _PRESETS: dict[str, Callable[..., Scene]] = {'standard': random_scene, 'broad': broad_scene}
@@ -57,13 +61,16 @@ def scenes() -> None:
 @click.option('--preset', type=click.Choice(list(_PRESETS)), default='standard',
               show_default=True, help='Distributions: broad ones have other surroundings, clutter '
               'and cameras, as those of `pmcl scenes pictures`.')
-@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
+@process_options
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
+              'Scenes that it has of the same options are kept.')
 @FORCE
 def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None,
                   plan: str | None, views: int | None, size: int | None, targets: int,
-                  samples: int | None, noise: float, preset: str, out: Path, force: bool
-                  ) -> None:
+                  samples: int | None, noise: float, preset: str, jobs: int, backend: str,
+                  scheduler: str | None, out: Path, force: bool) -> None:
     """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
+    check_scheduler(backend, scheduler)
     given = {'views': views, 'size': size, 'kinds': kinds}
     values = {'targets': targets, 'noise': noise} | {
         name: value for name, value in given.items() if value}
@@ -80,35 +87,23 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
     settings = SceneSettings.make(values, 'pmcl scenes')
     if (out / NOTE).exists():
         raise SettingsError(f'{out} has scenes of pmcl simulate: choose another --out')
-    with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
-                  transient=True) as bar:
-        task = bar.add_task('', total=float(count))
-        for number in range(count):
-            rng = np.random.default_rng(seed + number)
-            sensor = None if ordinary is None else ordinary.sensor(rng)
-            scene = _PRESETS[preset](rng, settings, sensor=sensor)
-            bar.update(task, description=scene.name)
-            folder = out / f'{seed + number:06d}'
+    samples = samples or (2 if ordinary is None else 16)
+    made_of = [__version__, preset, str(samples), *(
+        each.model_dump_json() for each in (settings, ordinary, placed) if each is not None)]
+    simulation = Simulation(
+        partial(_drawn, preset=preset, settings=settings), ordinary, placed, samples=samples,
+        digest=hashlib.sha256('\n'.join(made_of).encode()).hexdigest()[:16])
+    one = partial(simulate, folder=out.resolve(), of=simulation, force=force)
+    with Progress(console=STDERR, transient=True) as bar:
+        for place in bar.track(run_all(one, range(seed, seed + count), jobs, backend, scheduler),
+                               total=count, description='scenes'):
+            click.echo(f"{out / place.name}: {read_json(place / 'truth.json')['name']}")
 
-            def show(part: float, done: int = number) -> None:
-                bar.update(task, completed=done + part)
 
-            if ordinary is None:
-                capture = render(scene, rng, samples or 2, show)
-                write_capture(folder, scene, capture, seed + number, force)
-            elif placed is None:
-                picture = take_picture(scene, ordinary, rng, samples or 16)
-                write_view(folder, scene, picture, ordinary, seed + number, force)
-            else:
-                taken: list[NDArray[np.uint8]] = []
-                poses = placed.cameras(scene)
-                shown = without_walls_between(scene, poses)
-                for pose in poses:
-                    taken.append(take_picture(seen_from(shown, pose), ordinary, rng,
-                                              samples or 16))
-                    show(len(taken) / len(poses))
-                write_views(folder, scene, taken, ordinary, placed, seed + number, force)
-            click.echo(f'{folder}: {scene.name}')
+def _drawn(_: int, rng: np.random.Generator, sensor: Sensor | None, preset: str,
+           settings: SceneSettings) -> Scene:
+    """As `Simulation.draw`."""
+    return _PRESETS[preset](rng, settings, sensor=sensor)
 
 
 @scenes.command('pictures')

@@ -70,13 +70,24 @@ def test_every_target_has_a_spot(targets):
 
 def test_the_command_renders_the_scenes_of_consecutive_seeds(tmp_path):
     options = ['scenes', 'render', '--views', '3', '--size', '32', '--samples', '1']
-    for arguments in (['--count', '2', '--seed', '3', '-o', str(tmp_path / 'a')],
+    for arguments in (['--count', '2', '--seed', '3', '--jobs', '2', '-o', str(tmp_path / 'a')],
                       ['--count', '1', '--seed', '4', '-o', str(tmp_path / 'b')]):
         result = CliRunner().invoke(main, options + arguments)
         assert result.exit_code == 0, result.output
     assert [each.name for each in sorted((tmp_path / 'a').iterdir())] == ['000003', '000004']
     first, second = (read_light_field(tmp_path / each / '000004') for each in 'ab')
     assert np.array_equal(first.views, second.views)
+
+
+def test_the_command_keeps_scenes_of_the_same_options(tmp_path):
+    options = ['scenes', 'render', '--views', '3', '--size', '32', '-o', str(tmp_path)]
+    written = []
+    for samples, count in (('1', '1'), ('1', '2'), ('2', '1')):
+        result = CliRunner().invoke(main, [*options, '--samples', samples, '--count', count])
+        assert result.exit_code == 0, result.output
+        written.append((tmp_path / '000000' / 'views.npz').stat().st_mtime_ns)
+    assert written[0] == written[1] < written[2]
+    assert (tmp_path / '000001').is_dir()
 
 
 def test_the_command_says_what_is_impossible(tmp_path):
