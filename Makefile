@@ -18,7 +18,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 LP_NUM_THREADS=1
 # Byte code is kept: else every process compiles all sources anew, those of the tests too.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz clean
+.PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz learned clean
 
 # FORCE=--force: overwrite pictures in out/ that an earlier run did not write.
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
@@ -93,6 +93,11 @@ FUZZED ?= 12000
 SEED ?= 0
 fuzz: $(TEST)
 	PMCL_FUZZ_INPUTS=$(FUZZED) $(BIN)/python -m pytest test/test_fuzz.py --hypothesis-seed=$(SEED)
+
+# All of config/learned again, from seeds, into out/learned (docs/developing.md): hours. PART=1000: a
+# trial. JOBS=8: processes that render.
+learned: $(TEST)
+	@$(MAKE) --no-print-directory -f tools/learned.mk PYTHON=$(BIN)/python
 
 # Debian packages, then ROS and the run-time wheels; says how long that took.
 $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg

@@ -1,12 +1,14 @@
 """Numbers of the evidence that were learned from generated scenes: read once from data files.
 
 `contour.yaml`, `creases.yaml`, `contour_map.yaml` and others lie in `config/learned`, in the
-package's share folder or source tree.
+package's share folder or source tree; or in the folder that the environment variable PMCL_LEARNED
+names.
 The package can be imported, and a node started, where one of them is missing or wrong: what needs
 the numbers raises SettingsError.
 """
 
 import math
+import os
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -180,8 +182,9 @@ def _alike(views: float) -> float:
 
 
 def learned_file(name: str) -> Path:
-    """Where a file of `config/learned` is; SettingsError when there is none."""
-    tried = candidates(f'{_FOLDER}/{name}')
+    """Where a file of `config/learned`, or of PMCL_LEARNED, is; SettingsError without it."""
+    chosen = os.environ.get('PMCL_LEARNED')
+    tried = [Path(chosen) / name] if chosen else candidates(f'{_FOLDER}/{name}')
     for each in tried:
         if each.exists():
             return each

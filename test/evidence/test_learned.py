@@ -14,6 +14,7 @@ from pmcl_ros.evidence.learned import (
     LearnedProfile,
     learned_contour,
     learned_creases,
+    learned_file,
 )
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.render.contour import check_profile
@@ -75,6 +76,14 @@ def test_what_is_read_is_no_larger_than_scores_are_made_for():
     for size in ((MOST_OFFSETS + 1, MOST_KNOTS), (MOST_OFFSETS, MOST_KNOTS + 1)):
         with pytest.raises(RenderError, match='scores take 8 offsets at most and 2 to 9 knots'):
             check_profile(profile(*size))
+
+
+def test_another_folder_is_read_in_place_of_the_shipped_one(tmp_path, monkeypatch):
+    monkeypatch.setenv('PMCL_LEARNED', str(tmp_path))
+    with pytest.raises(SettingsError, match=f'there is no {tmp_path / "views.yaml"}'):
+        learned_file('views.yaml')
+    (tmp_path / 'views.yaml').touch()
+    assert learned_file('views.yaml') == tmp_path / 'views.yaml'
 
 
 def test_without_a_file_the_error_says_where_it_should_be(package_tree):
