@@ -118,20 +118,21 @@ def centre_view(light_field: LightField) -> PosedView:
 
 def check_pose(pose: NDArray[np.float64], name: str) -> None:
     """Raise LightFieldError unless a matrix is a rotation and a shift (4, 4)."""
+    shown = np.round(pose, 4).tolist()
     if pose.shape != (4, 4) or not (abs(pose) < _FAR).all() or (pose[3] != [0, 0, 0, 1]).any():
+        by_column = (pose.shape == (4, 4) and (pose[3] != [0, 0, 0, 1]).any()
+                     and (pose[:, 3] == [0, 0, 0, 1]).all())
         raise LightFieldError(
-            f'{name} {pose.tolist()} is no pose: expected a (4, 4) matrix with numbers up to '
-            f'{_FAR:g} and the last row 0, 0, 0, 1' + (
-                '; it is written column by column' if pose.shape == (4, 4)
-                and (pose[3] != [0, 0, 0, 1]).any() and (pose[:, 3] == [0, 0, 0, 1]).all()
-                else ''))
+            f'{name} is no pose' + (', it is written column by column' if by_column else '')
+            + f': expected a (4, 4) matrix, row by row, with numbers up to {_FAR:g} and the last '
+            f'row 0, 0, 0, 1, not {shown}')
     turn = pose[:3, :3]
     off = float(abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID or np.linalg.det(turn) < 0:
-        raise LightFieldError(
-            f'{name} {turn.tolist()} is no rotation: ' + (
-                f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed'
-                if off > _RIGID else 'it mirrors (its determinant is -1)'))
+        raise LightFieldError(f'{name} is no rotation: ' + (
+            f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed; write it with '
+            "more digits, or as scipy's Rotation.from_matrix(R).as_matrix()"
+            if off > _RIGID else 'it mirrors (its determinant is -1)') + f': {shown}')
 
 
 def quaternion_pose(position: Sequence[float], quaternion: Sequence[float], name: str
