@@ -54,15 +54,17 @@ def check_scan(mesh: trimesh.Trimesh, name: str) -> None:
                      else '; close holes of a scan, their rims count as outlines')
     if not is_apart(mesh):
         _tell_bits(mesh, name)
-    far = float(np.linalg.norm(mesh.bounds.mean(axis=0)))
+    middle = mesh.bounds.mean(axis=0)
+    far, place = float(np.linalg.norm(middle)), (middle.round(5) + 0).tolist()
     diagonal = float(np.linalg.norm(mesh.extents))
     if far > _FARTHEST * diagonal:
         raise ObjectModelError(f'object {name!r}: its origin is {far:.3g} m from the middle of '
-                               f'its mesh, which measures {diagonal:.3g} m; move it into the mesh')
+                               f'its mesh, which measures {diagonal:.3g} m; move it into the '
+                               f'mesh, to {place} in metres say')
     if far > diagonal:
         _LOG.warning('object %r: its origin is %.3g m from the middle of its mesh, which measures '
                      '%.3g m; region and pose are those of the origin: better move it into the '
-                     'mesh', name, far, diagonal)
+                     'mesh, to %s in metres say', name, far, diagonal, place)
 
 
 def _tell_bits(mesh: trimesh.Trimesh, name: str) -> None:

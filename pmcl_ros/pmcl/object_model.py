@@ -160,7 +160,9 @@ class ObjectModel:
             raise ObjectModelError(
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
                 f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh'
-                + (': 0.001 for millimetres' if diagonal > _LARGEST else ''))
+                + (': 0.001 for millimetres' if diagonal > _LARGEST else
+                   f'; with scale: 1 it has {diagonal / scale:.4g} m'
+                   if _SMALLEST <= diagonal / scale <= _LARGEST else ''))
         check_scan(mesh, name)
         check_ball(mesh, name)
         if settings.symmetries_continuous is not None:

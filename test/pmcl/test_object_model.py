@@ -1,5 +1,6 @@
 import json
 import logging
+import re
 from pathlib import Path
 
 import numpy as np
@@ -315,6 +316,7 @@ def test_absurd_sizes_are_refused(tmp_path, scale):
                        ) as caught:
         ObjectModel.load(path)
     assert ('0.001 for millimetres' in str(caught.value)) == (scale > 1)
+    assert ('; with scale: 1 it has 0.' in str(caught.value)) == (scale in (1e-6, 0.03))
 
 
 def test_a_mesh_too_fine_to_render_is_refused(tmp_path):
@@ -379,8 +381,11 @@ def test_caps_and_what_is_inside_are_no_loose_bits(tmp_path, caplog, part):
 def test_an_origin_far_away_is_refused(tmp_path):
     mesh = cup()
     mesh.apply_translation([3.0, 0, 0])
-    with pytest.raises(ObjectModelError, match=r'its origin is 3 m from the middle of its mesh'):
+    with pytest.raises(ObjectModelError, match=r'its origin is 3 m from the middle of its mesh.* '
+                       r'to \[3\.0, 0\.0, [0-9.-]*\] in metres say$') as caught:
         ObjectModel.load(save(mesh, tmp_path))
+    place = json.loads(re.search(r'\[.*\]', str(caught.value))[0])
+    np.testing.assert_allclose(place, mesh.bounds.mean(axis=0), atol=1e-5)
 
 
 def prism(sides):
