@@ -263,8 +263,11 @@ def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Re
     height, width = values.shape[:2]
     try:
         if (width, height) != (camera.width, camera.height):
-            raise LightFieldError(f'it has {width}x{height} px, its camera {name!r} '
-                                  f'{camera.width}x{camera.height}')
+            raise LightFieldError(
+                f'it has {width}x{height} px, its camera {name!r} {camera.width}x{camera.height}'
+                + (': the camera was calibrated with turned pictures; these are read as they are '
+                   'stored, whatever EXIF orientation they have: turn the files'
+                   if (height, width) == (camera.width, camera.height) else ''))
         reduction.check_memory(1, 1, height, width)
         picture = camera.lens.undistorted(encoded(values, camera.gamma), camera.pinhole)
         return PosedView(Header(), reduction.shrunk(picture), reduction.pinhole(camera.pinhole))

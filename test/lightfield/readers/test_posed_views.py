@@ -221,7 +221,9 @@ def camera(**values):
 @pytest.mark.parametrize(('change', 'reason'), [
     (view(file='no.png'), 'there is no .*no.png'),
     (view(file='views.yaml'), 'is no picture'),
-    (camera(width=61), "one.png: it has 60x44 px, its camera 'wrist' 61x44"),
+    (camera(width=61), "one.png: it has 60x44 px, its camera 'wrist' 61x44$"),
+    (camera(width=HEIGHT, height=WIDTH), "has 60x44 px, its camera 'wrist' 44x60: the camera was "
+     'calibrated with turned pictures; .* whatever EXIF orientation they have: turn the files$'),
     (camera(model='barrel'), r"cameras.wrist.model: .*'plumb_bob', 'rational_polynomial' or"),
     (camera(distortion=[0.1]), 'plumb_bob distortion .* has 1 coefficients'),
     (camera(fx=-3.0), 'fx: .*greater than 1'), (camera(cx=np.nan), 'cx: .*finite'),
