@@ -136,7 +136,7 @@ def find_captures(folder: Path | str) -> list[Capture]:
     bare = _named([path.relative_to(folder).as_posix() for path in places
                    if not (path / 'model.obj').exists()])
     if not found:
-        untrue = _named(sorted(path.parent.name for path in Path(folder).glob('*/model.*')))
+        untrue = _named(sorted({each.parent.name for each in Path(folder).glob('*/model.*')}))
         raise SettingsError(
             f'{folder} has no subfolder with a picture, model.obj and truth.json, and no BOP '
             'scene with scene_gt.json; ' + (

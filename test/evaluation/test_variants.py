@@ -126,6 +126,7 @@ def test_what_a_capture_lacks_is_named(tmp_path, caplog):
     assert [each.name for each in find_captures(tmp_path)] == ['a']
     assert caplog.messages == [f'{tmp_path}: left out, as no model.obj is beside truth.json: b']
     (tmp_path / 'a/model.obj').unlink()
+    (tmp_path / 'b/model.yaml').write_text('mesh: model.stl')
     with pytest.raises(SettingsError, match=r'; no model\.obj is beside truth\.json in a, b$'):
         find_captures(tmp_path)
     for name in ('a', 'b'):
