@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import Calibration, LearnedMap, learned_file, learned_map
+from pmcl_ros.lightfield.posed_view import LEAST_SIDE
 from pmcl_ros.runtime.errors import PictureError, SettingsError
 
 CHANNELS = 6  # a0, c1, s1, c2, s2 of the contour, and the inside
 MOST_PIXELS = 2 ** 20  # a larger picture is reduced: the network takes 0.2 s for as many
-_LEAST_SIDE, _MOST_SIDE = 32, 8192  # px: a smaller picture shows no contour in its surroundings
+_MOST_SIDE = 8192  # px
 _STEP = 16  # px: the network halves its input four times
 
 _LOG = logging.getLogger(__name__)
@@ -133,8 +134,8 @@ def network_input(picture: NDArray[np.generic]) -> NDArray[np.float32]:
     if picture.ndim != 3 or picture.shape[-1] != 3:
         raise PictureError(f'a picture must be (height, width, 3) or (height, width), it is '
                            f'{shape}')
-    if min(shape[:2]) < _LEAST_SIDE or max(shape[:2]) > _MOST_SIDE:
-        raise PictureError(f'a picture must have {_LEAST_SIDE} to {_MOST_SIDE} px a side, it has '
+    if min(shape[:2]) < LEAST_SIDE or max(shape[:2]) > _MOST_SIDE:
+        raise PictureError(f'a picture must have {LEAST_SIDE} to {_MOST_SIDE} px a side, it has '
                            f'{shape[1]}x{shape[0]}')
     if picture.dtype == np.uint8:
         return picture.astype(np.float32) / np.float32(255) - np.float32(0.5)

@@ -16,6 +16,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError
 
 GAMMA = 2.2  # linear light is a picture's value to the power of this
+LEAST_SIDE = 32  # px: a smaller picture shows no contour in its surroundings
 _LEVEL = 0.3  # mean linear light of an exposed picture, 1 at white
 _FAR = 1e8  # m: coordinates of a map have some millions
 _SQUARE, _ONE_COLOUR = 8, 0.02  # px; range of means of squares that is noise, or a vignette

@@ -95,7 +95,7 @@ def files(tmp_path_factory, camera_text):
     (here / 'glass.yaml').write_text(yaml.safe_dump({'mesh': 'glass.stl', 'appearance': {
         'material': 'opaque'}}))
     for name in ('0.png', '1.png'):
-        cv2.imwrite(str(here / name), np.zeros((36, 48, 3), np.uint8))
+        cv2.imwrite(str(here / name), np.full((36, 48, 3), int(name[0]), np.uint8))
     (here / 'views.yaml').write_text(yaml.safe_dump({
         'cameras': {'arm': PINHOLE}, 'views': [
             {'file': name, 'camera': 'arm', 'camera_to_reference': np.eye(4).ravel().tolist()}

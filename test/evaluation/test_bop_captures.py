@@ -53,7 +53,7 @@ def write_scene(folder, posed=True):
         mesh.export(models / f'obj_{number:06d}.ply')
     cameras, truths = {}, {}
     for number, pose in enumerate(CAMERAS):
-        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), np.full((8, 10, 3), number, 'u1'))
+        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), np.full((32, 40, 3), number, 'u1'))
         cameras[str(number)] = {'cam_K': [9, 0, 4.5, 0, 9, 3.5, 0, 0, 1]}
         if posed:
             cameras[str(number)] |= named('cam_R_w2c', 'cam_t_w2c', np.linalg.inv(pose))

@@ -236,9 +236,9 @@ def view_formats(folder):
         (folder / name).mkdir(parents=True)
         for number in range(3):
             for file in (f'v_0_{number}.png', f'{number:06d}.png', f'input_Cam{number:03d}.png'):
-                cv2.imwrite(str(folder / name / file), COLOURS)
+                cv2.imwrite(str(folder / name / file), np.tile(COLOURS, (4, 4, 1)))
     pose = [[1.0, 0, 0, 0.1 * number, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] for number in range(3)]
-    camera = {'width': 12, 'height': 9, 'fx': 20.0, 'fy': 21.0, 'cx': 5.5, 'cy': 4.0}
+    camera = {'width': 48, 'height': 36, 'fx': 20.0, 'fy': 21.0, 'cx': 5.5, 'cy': 4.0}
     grid = {'files': 'v_{row}_{column}.png', 'rows': 1, 'columns': 3, 'fx': 20.0,
             'baseline': 0.01, 'focus_distance': 1.5, 'gamma': 2.2}
     posed = {'cameras': {'one': {**camera, 'distortion': [0.1, 0.01, 0.0, 0.0]}}, 'views': [
@@ -260,11 +260,11 @@ def view_formats(folder):
     (folder / 'set' / 'models' / 'obj_000002.ply').touch()  # read by whoever searches
     (test_scene / 'scene_camera.json').write_text(json.dumps(scene))
     (test_scene / 'scene_gt.json').write_text(json.dumps(truth))
-    hci = {'intrinsics': {'focal_length_mm': 100.0, 'image_resolution_x_px': 12,
-                          'image_resolution_y_px': 9, 'sensor_size_mm': 64.0},
+    hci = {'intrinsics': {'focal_length_mm': 100.0, 'image_resolution_x_px': 48,
+                          'image_resolution_y_px': 36, 'sensor_size_mm': 64.0},
            'extrinsics': {'num_cams_x': 3, 'num_cams_y': 1, 'baseline_mm': 5.0,
                           'focus_distance_m': 2.0}}
-    cameras = b'# cameras\n7 OPENCV 12 9 20 21 6.0 4.5 0.1 0.01 0 0\n'
+    cameras = b'# cameras\n7 OPENCV 48 36 20 21 6.0 4.5 0.1 0.01 0 0\n'
     images = '\n'.join(f'{number} 1 0 0 0 {0.1 * number} 0 0 7 v_0_{number}.png\n1.0 2.0 -1'
                        for number in range(3)).encode()
     place = folder / 'colmap'

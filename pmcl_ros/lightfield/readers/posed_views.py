@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, centre_view, encoded
+from pmcl_ros.lightfield.posed_view import GAMMA, LEAST_SIDE, PosedView, centre_view, encoded
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import (
     MOST_BYTES,
@@ -268,6 +268,10 @@ def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Re
                 + (': the camera was calibrated with turned pictures; these are read as they are '
                    'stored, whatever EXIF orientation they have: turn the files'
                    if (height, width) == (camera.width, camera.height) else ''))
+        if min(width, height) // reduction.shrink < LEAST_SIDE:
+            raise LightFieldError(f'it has {width}x{height} px' + (
+                f', shrunk by {reduction.shrink}' if reduction.shrink > 1 else '')
+                + f'; {LEAST_SIDE} a side are needed')
         reduction.check_memory(1, 1, height, width)
         picture = camera.lens.undistorted(encoded(values, camera.gamma), camera.pinhole)
         return PosedView(Header(), reduction.shrunk(picture), reduction.pinhole(camera.pinhole))

@@ -127,11 +127,15 @@ def test_distortion_is_undone_and_the_camera_matrix_stays(tmp_path, model, numbe
 
 
 def test_a_view_can_be_shrunk(tmp_path):
-    folder = write(tmp_path, whole(VALUES, 65535, np.uint16))
+    values = np.tile(VALUES, (2, 2, 1))
+    folder = write(tmp_path, whole(values, 65535, np.uint16), width=2 * WIDTH, height=2 * HEIGHT)
     view = read_source(folder, shrink=2)
-    assert view.pinhole == Reduction(1, 2).pinhole(PINHOLE)
-    means = VALUES.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+    whole_pinhole = Pinhole(2 * WIDTH, 2 * HEIGHT, 50, 51, 30.5, 21)
+    assert view.pinhole == Reduction(1, 2).pinhole(whole_pinhole)
+    means = values.reshape(HEIGHT, 2, WIDTH, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(view.picture, means, atol=1e-4)
+    with pytest.raises(LightFieldError, match=r'one.png: it has 120x88 px, shrunk by 3; 32 a s'):
+        read_source(folder, shrink=3)
     with pytest.raises(LightFieldError, match='no grid'):
         read_source(folder, every=2)
 
@@ -280,6 +284,12 @@ def test_a_copy_of_a_picture_with_the_same_pose_is_refused(tmp_path):
     posed[1] = posed[0] | {'file': 'copy.png'}
     changed(folder, views=posed)
     assert len(read_source(folder).views) == 2
+
+
+def test_a_picture_that_is_too_small_is_named(tmp_path):
+    folder = write(tmp_path, np.full((60, 8, 3), 99, np.uint8), width=8, height=60, cx=400.0)
+    with pytest.raises(LightFieldError, match=r'one.png: it has 8x60 px; 32 a side are needed'):
+        read_source(folder)
 
 
 def test_where_a_light_field_is_needed_a_picture_is_refused(tmp_path):
