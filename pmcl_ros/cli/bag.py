@@ -8,7 +8,7 @@ from pmcl_ros.cli.base import FOLDER, FORCE, Needed
 from pmcl_ros.cli.sources import GivenSource, posed_options
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.read import is_light_field
+from pmcl_ros.lightfield.readers.read import is_light_field, pictures_alone
 from pmcl_ros.messages.bag_captures import (
     extract_captures,
     record_capture,
@@ -16,6 +16,8 @@ from pmcl_ros.messages.bag_captures import (
     record_posed_views,
 )
 from pmcl_ros.runtime.errors import LightFieldError
+
+_NEEDED = ('a bag is of light fields or posed views; write a views.yaml with camera_to_reference')
 
 
 @click.group()
@@ -36,15 +38,18 @@ def bag_record(source: GivenSource, folder: Path) -> None:
         source.check_of_raw()
         record_capture(source.source, folder)
         return
+    if pictures_alone(source.source):
+        raise LightFieldError(f'{source.source} has no poses of its cameras (cam_R_w2c, '
+                              f'cam_t_w2c): {_NEEDED} (docs/howto/posed_views.md); pmcl localize '
+                              'takes the pictures alone')
     made = source.open().read()
     if isinstance(made, LightField):
         record_light_field(made, folder)
     elif isinstance(made, PosedViews):
         record_posed_views(made, folder)
     else:
-        raise LightFieldError(f'{source.source} is one picture without the pose of its camera: a '
-                              'bag is of light fields or posed views; give camera_to_reference '
-                              '(of one picture the unit matrix will do)')
+        raise LightFieldError(f'{source.source} is one picture without the pose of its camera: '
+                              f'{_NEEDED} (of one picture the unit matrix will do)')
 
 
 @bag.command('extract')

@@ -12,7 +12,7 @@ from rich.progress import Progress, track
 
 from pmcl_ros.cli.base import FOLDER, FORCE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, Opened, source_options
+from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, Opened, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.drawing.view_overlay import outlines_in_view, overlay_in_view
 from pmcl_ros.evaluation.variants import Variant
@@ -20,7 +20,6 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.lightfield.readers import bop
 from pmcl_ros.lightfield.readers.read import Source, pictures_alone
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -35,8 +34,7 @@ from pmcl_ros.runtime.outputs import Results
 @source_options
 @click.option('--object', 'objects', multiple=True, type=OBJECT,
               help='A mesh, or an object YAML; several are found together.')
-@click.option('--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place '
-              "of --object: the data set's object N, models/obj_00000N.ply in millimetres.")
+@OBJECT_ID
 @region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
@@ -64,12 +62,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
     results = None if out is None else results_in(out, force)
-    if (object_id is None) == (not objects):
-        raise click.UsageError('say which object: --object with its mesh (docs/howto/object.md), '
-                               'or --object-id of a BOP scene')
-    if object_id is not None:
-        objects = bop.model_of(source.source, object_id),
-        STDERR.print(f'object: {objects[0]}, in millimetres', markup=False, soft_wrap=True)
+    objects, load = source.objects(objects, object_id)
     changed = Variant.parse(','.join(changes)) if changes else None
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {" ".join(changes)}: there are no rows here; say --mode')
@@ -79,7 +72,6 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                                  | region.settings() | chosen | dict(of_search),
                                  '--roi, --depths, --table, --tilt, --up, --mode, --evidence, '
                                  '--set, --seed')
-    load = ObjectModel.load if object_id is None else ObjectModel.load_bop
     alone = pictures_alone(source.source)
     if alone:
         if len(objects) > 1 or truth is not None:

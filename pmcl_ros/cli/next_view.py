@@ -8,21 +8,20 @@ import numpy as np
 
 from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, posed_options
+from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, posed_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, cap, next_views
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
 
 @click.command('next-view')
 @posed_options
-@click.option('--object', 'object_path', required=True, type=OBJECT,
-              help='A mesh, or an object YAML.')
+@click.option('--object', 'object_path', type=OBJECT, help='A mesh, or an object YAML.')
+@OBJECT_ID
 @region_options
 @click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '
               '16 numbers each. Default: a cap about the views there are.')
@@ -32,9 +31,9 @@ from pmcl_ros.runtime.errors import SettingsError
               help='Of the default candidates.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
-              candidates: Path | None, degrees: float, count: int, seed: int, as_json: bool
-              ) -> None:
+def next_view(source: GivenSource, object_path: Path | None, object_id: int | None,
+              region: GivenRegion, candidates: Path | None, degrees: float, count: int, seed: int,
+              as_json: bool) -> None:
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
 
     Prints the largest standard deviation of the position now, and with a view from each of the
@@ -49,9 +48,10 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')
     plan = None if candidates is None else ViewPlan.load(candidates)
-    settings = PmclSettings.make({'object': str(object_path), 'seed': seed} | region.settings(),
+    (path,), load = source.objects(() if object_path is None else (object_path,), object_id)
+    settings = PmclSettings.make({'object': str(path), 'seed': seed} | region.settings(),
                                  '--roi, --depths, --table, --tilt, --up, --seed')
-    model = ObjectModel.load(object_path)
+    model = load(path)
     settings, read = settled(settings, opened.read, model.radius)
     with Pipeline.for_object(model, settings, posed=True) as pipeline:
         run = pipeline.run(read, np.random.default_rng(seed))

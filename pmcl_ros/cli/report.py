@@ -1,5 +1,6 @@
 """`pmcl report`: localises an object and writes a page about it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -7,12 +8,12 @@ from rich.progress import Progress
 
 from pmcl_ros.cli.base import FORCE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, source_options
+from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, source_options
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.readers.read import pictures_alone
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 from pmcl_ros.runtime.resources import resolve
@@ -22,6 +23,7 @@ from pmcl_ros.runtime.resources import resolve
 @source_options
 @click.option('--object', 'object_path', type=OBJECT, help='A mesh, or an object YAML; '
               'default: model.yaml or model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
+@OBJECT_ID
 @region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
@@ -32,12 +34,14 @@ from pmcl_ros.runtime.resources import resolve
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               default=Path('report.html'), show_default=True, help='The page, one HTML file.')
 @FORCE
-def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
-           mode: str, seed: int, truth_path: Path | None, out: Path, force: bool) -> None:
+def report(source: GivenSource, object_path: Path | None, object_id: int | None,
+           region: GivenRegion, mode: str, seed: int, truth_path: Path | None, out: Path,
+           force: bool) -> None:
     """Find the object's pose in SOURCE and write a page about it.
 
     SOURCE is what `pmcl localize` takes. Without --roi, --depths or --table the region is that of
-    the truth.json beside it.
+    the truth.json beside it. Of a BOP scene without camera poses the page is of the first picture;
+    another one is named as SOURCE.
     """
     written = results_in(out.parent, force).path(out.name)
     path = source.source
@@ -48,12 +52,19 @@ def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
     where = (region.settings() if region.is_placed or truth is None else
              {'roi_center': truth.roi_center, 'roi_size': truth.roi_size}
              | region.orientation)
-    if object_path is not None and truth_path is None:
+    if (object_path, object_id) != (None, None) and truth_path is None:
         truth = None  # it is of the object in the picture, which may be another one
-    object_path = object_path or _object(path, folder)
+    if object_path is None and object_id is None:
+        object_path = _object(path, folder)
+    (object_path,), load = source.objects(() if object_path is None else (object_path,), object_id)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed}
                                  | where, '--roi, --depths, --table, --tilt, --up, --mode, --seed')
-    model = ObjectModel.load(object_path)
+    model = load(object_path)
+    alone = pictures_alone(path)
+    if alone:
+        source, path = replace(source, source=alone[0]), alone[0]
+        STDERR.print(f'no camera poses: the report is of {path} alone', markup=False,
+                     soft_wrap=True)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)
         opened = source.open()
@@ -81,4 +92,4 @@ def _object(source: Path, folder: Path) -> Path:
         except SettingsError:
             pass
     raise click.UsageError('the object is unknown: there is no model.obj beside the source; give '
-                           '--object')
+                           '--object, or --object-id of a BOP scene')

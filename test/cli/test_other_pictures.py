@@ -236,6 +236,29 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
     assert abs(off).max() < 0.005  # rad: one picture hardly tells the depth
 
 
+def test_a_scene_without_poses_is_reported_by_its_first_picture(scene, capture, tmp_path):
+    roi, _ = in_first_camera(capture)
+    told = [pmcl('report', source, '--object-id', 3, *roi, '-o', tmp_path / f'{number}.html')
+            for number, source in enumerate((scene, scene / 'rgb' / '000000.png'))]
+    assert 'no camera poses: the report is of' in told[0].stderr
+    first, second = (next(line for line in each.stderr.splitlines() if ' at (' in line)
+                     for each in told)
+    assert first == second
+    assert 'has no poses of its cameras' in pmcl(
+        'bag', 'record', scene, tmp_path / 'bag', status=1).stderr
+
+
+def test_a_next_view_is_told_of_an_object_of_a_scene_with_poses(scene, capture):
+    of = json.loads((scene / 'scene_camera.json').read_text())
+    for number, view in enumerate(read_source(capture).views):
+        back = np.linalg.inv(view.camera_to_reference)
+        of[str(number)] |= {'cam_R_w2c': back[:3, :3].ravel().tolist(),
+                            'cam_t_w2c': (1000 * back[:3, 3]).tolist()}
+    (scene / 'scene_camera.json').write_text(json.dumps(of))
+    done = pmcl('next-view', scene, '--object-id', 3, *region(capture), '--count', 3)
+    assert done.stdout.startswith('now: ')
+
+
 @pytest.mark.parametrize(('more', 'reason'), [
     ((), 'or --object-id of a BOP scene'),
     (('--object-id', 4), 'models/obj_000004.ply, the model of object 4; copy the data'),

@@ -25,6 +25,7 @@ _LOG = logging.getLogger(__name__)
 _NEAR = 1e-3  # m: views that are nearer to each other tell no depth
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
 _POSE = 'cam_R_w2c', 'cam_t_w2c'
+_MOST_NAMES = 8  # in an error
 _NUMBER = re.compile(r'[0-9]{1,9}')
 
 
@@ -40,11 +41,12 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
     path = scene / NAME
     cameras: dict[str, Any] = {}
     views = []
-    for number, values in _read(path).items():
-        if picture is not None and picture.stem != f'{number:06d}':
-            continue
-        if numbers is not None and number not in numbers:
-            continue
+    taken = {number: values for number, values in _read(path).items()
+             if (picture is None or picture.stem == f'{number:06d}')
+             and (numbers is None or number in numbers)}
+    if picture is None:
+        _check_posed(path, taken)
+    for number, values in taken.items():
         file = picture or picture_of(scene, number)
         try:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
@@ -63,10 +65,6 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
         pose = None if picture is not None else _camera_to_world(path, number, values)
         if pose is not None:
             view['camera_to_reference'] = pose.ravel().tolist()
-        elif picture is None:
-            raise LightFieldError(
-                f'{path} has no poses of its cameras (cam_R_w2c, cam_t_w2c): each picture can '
-                f'only be localised alone; give one, as {file}')
         views.append(view)
     if not views:
         raise LightFieldError(f'{path} lists no picture' + (f' {picture}' if picture else ''))
@@ -87,6 +85,23 @@ def _check_unit(path: Path, places: list[list[float]]) -> None:
 def _tell_near(path: Path, count: int, apart: float) -> None:
     _LOG.warning('%s: its %d cameras are all within %g mm: are cam_t_w2c in millimetres?', path,
                  count, apart)
+
+
+def _check_posed(path: Path, cameras: dict[int, dict[str, Any]]) -> None:
+    """Raise LightFieldError where pictures have no poses of their cameras."""
+    without = [number for number, values in cameras.items()
+               if not any(key in values for key in _POSE)]
+    if not without:
+        return
+    file = picture_of(path.parent, without[0])
+    if len(without) == len(cameras):
+        raise LightFieldError(
+            f'{path} has no poses of its cameras ({", ".join(_POSE)}): each picture can only be '
+            f'localised alone; give one, as {file}')
+    names = ', '.join(map(str, without[:_MOST_NAMES])) + ', ...' * (len(without) > _MOST_NAMES)
+    raise LightFieldError(
+        f'{path}: {len(without)} of {len(cameras)} pictures have no pose of their camera '
+        f'({", ".join(_POSE)}): {names}; take them out, or localise one alone, as {file}')
 
 
 def camera_poses(scene: Path) -> dict[int, NDArray[np.float64] | None]:

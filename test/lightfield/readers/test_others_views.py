@@ -279,6 +279,17 @@ def test_a_picture_of_a_scene_is_localised_alone(tmp_path):
     np.testing.assert_array_equal(found.displayed()[..., ::-1], PICTURES[1])
 
 
+def test_pictures_without_poses_among_others_are_named(tmp_path):
+    folder = bop(tmp_path)
+    cameras = json.loads((folder / 'scene_camera.json').read_text())
+    for number in '02':
+        del cameras[number]['cam_R_w2c'], cameras[number]['cam_t_w2c']
+    (folder / 'scene_camera.json').write_text(json.dumps(cameras))
+    with pytest.raises(LightFieldError, match=r'2 of 3 pictures have no pose of their camera .*: '
+                       r'0, 2; take them out, or localise one alone, as .*rgb/000000\.png'):
+        read_source(folder)
+
+
 def test_an_object_of_a_scene_is_found_by_its_number(tmp_path):
     scene = bop(tmp_path / 'set' / 'test' / '000001')
     mesh = tmp_path / 'set' / 'models' / 'obj_000007.ply'
