@@ -191,11 +191,14 @@ def _jpeg(data: bytes) -> tuple[int, int]:
 
 
 def _tiff(data: bytes, order: str) -> tuple[int, int]:
-    """Of the first picture; a tile or a strip is no larger than pictures may be."""
+    """Of the only picture; a tile or a strip is no larger than pictures may be."""
     place, = struct.unpack_from(f'{order}I', data, 4)
     count, = struct.unpack_from(f'{order}H', data, place)
+    end = place + 2 + 12 * count
+    if any(data[end:end + 4]):  # where the next picture begins
+        raise PictureError('it has several pages: save the one that is meant as a file of its own')
     found = {}
-    for entry in range(place + 2, place + 2 + 12 * count, 12):
+    for entry in range(place + 2, end, 12):
         tag, kind, number = struct.unpack_from(f'{order}HHI', data, entry)
         if number == 1 and kind in (3, 4):
             found[tag], = struct.unpack_from(order + 'HI'[kind - 3], data, entry + 8)

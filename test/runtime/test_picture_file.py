@@ -48,6 +48,14 @@ def test_what_opencv_writes_is_decoded(kind, pixels, tmp_path):
     assert read_picture_size(tmp_path / 'a') == pixels.shape[1::-1]
 
 
+def test_a_tiff_of_several_pages_is_refused(tmp_path):
+    path = tmp_path / 'stack.tif'
+    assert cv2.imwritemulti(str(path), [COLOURS, COLOURS[::-1]])
+    for read in (lambda: read_picture_file(path, FLAGS), lambda: read_picture_size(path)):
+        with pytest.raises(PictureError, match=r'stack.tif: it has several pages: save the one'):
+            read()
+
+
 @pytest.mark.parametrize('orientation', range(1, 9))
 def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation, caplog):
     """Intrinsics and poses are those of the sensor, as of COLMAP."""
