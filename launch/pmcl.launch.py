@@ -5,8 +5,8 @@ grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is
 of lytro_driver and subaperture_node), views (rest, service or plan: sweep_driver is started
 likewise, to collect posed views; fixed: fixed_cameras is), lytro (true, with views: of the centre
 views of a Lytro, so that lytro_driver and subaperture_node are started too), pose (the topic on
-which the pose is published, and on which grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started
-again and taken to active).
+which the pose is published, and on which grasp_node and a grasp pipeline find it), respawn (true:
+a node that ends is started again and taken to active).
 """
 
 from itertools import pairwise
