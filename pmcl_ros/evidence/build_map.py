@@ -70,8 +70,8 @@ def warn_of_one_colour(source: LightField | PosedView,
     left, top, width, height = crop
     if view.is_of_one_colour(left, top, width or view.pinhole.width - left,
                              height or view.pinhole.height - top):
-        _LOG.warning('a picture is of one colour: is the lens covered, is it dark, or are its '
-                     'values of 10 or 12 bits not scaled to 16?')
+        _LOG.warning('%s is of one colour: is the lens covered, is it dark, or are its values of '
+                     '10 or 12 bits not scaled to 16?', view.name or 'a picture')
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

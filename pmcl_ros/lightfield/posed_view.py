@@ -39,6 +39,7 @@ class PosedView:
         this view alone. common: share of the variance of these errors that the group shares; the
         rest is of each view.
     drift: standard deviation by which the object may have moved since, on each axis [m].
+    name: of the picture, in messages; empty: it is the only one.
     Raises LightFieldError when these do not fit together.
     """
 
@@ -50,6 +51,7 @@ class PosedView:
     group: str = ''
     common: float = 1.0
     drift: float = 0.0
+    name: str = ''
 
     def __post_init__(self) -> None:
         expected = (self.pinhole.height, self.pinhole.width, 3)

@@ -96,9 +96,10 @@ def posed_views_from(camera_info: CameraInfo, poses: PoseArray, sigma: Image, vi
     with promised_by('posed_views'):
         return PosedViews(tuple(
             PosedView(header, tile.astype(np.float32) / np.float32(_WHITE), pinhole, camera,
-                      (position, rotation), f'group {number:.0f}' if number else '', common, drift)
-            for tile, camera, (position, rotation, common, number, drift)
-            in zip(tiles, cameras, rows.astype(float).tolist(), strict=True)))
+                      (position, rotation), f'group {number:.0f}' if number else '', common, drift,
+                      f'view {place}')
+            for place, (tile, camera, (position, rotation, common, number, drift))
+            in enumerate(zip(tiles, cameras, rows.astype(float).tolist(), strict=True))))
 
 
 def cameras_from(message: PoseArray) -> NDArray[np.float64]:

@@ -113,5 +113,8 @@ def test_a_picture_of_one_colour_is_told(light_field, caplog, level):
     view = centre_view(light_field)
     build_map(view, SETTINGS)
     assert 'one colour' not in caplog.text
-    build_map(replace(view, picture=np.full_like(view.picture, level)), SETTINGS)
-    assert 'of one colour: is the lens covered, is it dark, or are its values' in caplog.text
+    blank = replace(view, picture=np.full_like(view.picture, level))
+    build_map(blank, SETTINGS)
+    assert 'a picture is of one colour: is the lens covered, is it dark, or are' in caplog.text
+    build_map(replace(blank, name='b.png'), SETTINGS)
+    assert 'b.png is of one colour: is the lens covered' in caplog.text

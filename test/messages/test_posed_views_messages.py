@@ -41,6 +41,7 @@ def test_messages_say_all_of_the_views():
         assert (one.pinhole, one.common) == (other.pinhole, other.common)
         assert one.drift == other.drift
     assert [each.group for each in found.views] == ['', 'group 1', '']
+    assert [each.name for each in found.views] == ['view 0', 'view 1', 'view 2']
 
 
 def test_a_picture_of_another_pinhole_is_resampled_to_that_of_the_first():

@@ -251,7 +251,7 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
             seen, header=Header(stamp_ns, of.reference),
             camera_to_reference=np.array(entry.camera_to_reference).reshape(4, 4),
             sigma=(1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))),
-            group=entry.group, common=entry.common)
+            group=entry.group, common=entry.common, name=entry.file)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
 

@@ -184,7 +184,8 @@ def posed_view(frame: SweepFrame, pinhole: Pinhole, settings: ViewSettings | Fix
     picture = frame.lens.undistorted(encoded(frame.image, settings.gamma), pinhole)
     return PosedView(Header(frame.stamp_ns, reference), reduction.shrunk(picture),
                      reduction.pinhole(pinhole), frame.pose,
-                     (settings.sigma_position, settings.sigma_rotation), group, settings.common)
+                     (settings.sigma_position, settings.sigma_rotation), group, settings.common,
+                     name=frame.name)
 
 
 def _check_plan(planned: NDArray[np.float64], settings: ViewSettings) -> None:

@@ -161,8 +161,9 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
         if of.view is not None and _is_blank(of.view, of.evidence.pinhole, window):
             blank.append(number)
     for number in blank if len(blank) < len(seen) else []:
-        _LOG.info('view %d says nothing: its picture is of one colour where the region is',
-                  number)
+        view = evidence.views[number].view
+        _LOG.info('view %d says nothing: its picture is of one colour where the region is%s',
+                  number, f' ({view.name})' if view is not None and view.name else '')
         del seen[number]
     return seen
 

@@ -159,6 +159,7 @@ def test_poses_and_their_errors_are_read(tmp_path):
     together = read_source(folder)
     assert isinstance(together, PosedViews)
     assert has_posed_views(folder)
+    assert [each.name for each in together.views] == ['one.png', 'two.png']
     assert together.header == max(first.header, second.header, key=lambda each: each.stamp_ns)
     for one, other in zip(together.views, (first, second), strict=True):
         np.testing.assert_array_equal(one.picture, other.picture)
