@@ -55,11 +55,14 @@ def read_yaml_file(path: Path | str) -> dict[str, Any]:
 def parse_yaml(text: str, source: str) -> Any:
     """The value of a YAML text; FileError, which names `source`, where it is none, or too large.
 
-    At most 100,000 nodes in 64 levels, aliases followed.
+    At most 100,000 nodes in 64 levels, aliases followed; no key twice in a mapping.
     """
     try:
         _check_nodes(text, source)
-        return yaml.load(text, Loader=_LOADER)
+        loader = _LOADER(text)
+        root = loader.get_single_node()
+        _check_keys(root)
+        return None if root is None else loader.construct_document(root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f' in line {mark.line + 1}, column {mark.column + 1}' if mark else ''
@@ -97,6 +100,27 @@ def _check_nodes(text: str, source: str) -> None:
             raise FileError(
                 f'{source} has more than {_MOST_NODES} values or {_DEEPEST} levels at '
                 f'{_place(event)} (aliases followed): expected a file of settings')
+
+
+def _check_keys(root: yaml.Node | None) -> None:
+    """MarkedYAMLError for a key that a mapping has twice: its last value would be taken."""
+    todo, known = [root], set[int]()
+    while todo:
+        node = todo.pop()
+        if not isinstance(node, yaml.CollectionNode) or id(node) in known:
+            continue
+        known.add(id(node))  # aliases are the same node, or one around it
+        if not isinstance(node, yaml.MappingNode):
+            todo += node.value
+            continue
+        keys: set[tuple[str, str]] = set()
+        for key, value in node.value:
+            todo += key, value
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in keys:
+                    raise yaml.MarkedYAMLError(problem=f'{key.value!r} is there more than once',
+                                               problem_mark=key.start_mark)
+                keys.add((key.tag, key.value))
 
 
 def _place(event: yaml.Event) -> str:
