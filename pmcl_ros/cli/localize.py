@@ -39,7 +39,9 @@ from pmcl_ros.runtime.outputs import Results
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']),
-              help=PmclSettings.model_fields['evidence'].description)
+              help='Of --mode default: edges, or the contour map of the learned network; by '
+              'default the map of pictures of ordinary cameras, and edges of a light field. Where '
+              'these lose its only object, or are unsure of it, the map follows.')
 @click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help="Other values of "
               "the search's or the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,

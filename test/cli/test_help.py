@@ -36,3 +36,11 @@ def test_every_name_is_a_command_with_help_of_its_own(name):
     command = main.get_command(Context(main), name)
     assert command.name == name
     assert command.help
+
+
+def test_the_help_of_localize_describes_the_evidence_that_it_takes():
+    command = main.get_command(Context(main), 'localize')
+    evidence, = (each for each in command.params if '--evidence' in each.opts)
+    assert 'auto' not in evidence.help
+    assert 'dlv/' not in evidence.help
+    assert all(each in evidence.help for each in ('edges', 'map', 'by default'))
