@@ -23,6 +23,7 @@ from pmcl_ros.learning.posed_views import ViewsExample, learned_from
 from pmcl_ros.learning.posed_views import searches as posed_searches
 from pmcl_ros.learning.searches import Search, Supports, searches
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.read import has_posed_views
 from pmcl_ros.pipeline import build_evidence, size_in
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
@@ -72,6 +73,9 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
         refuse_existing([out], force)
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes hours
     captures = find_captures(folder)
+    for capture in captures:
+        if not posed and has_posed_views(capture.source):
+            raise _has_several(capture)
     command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
                f'{" --map" * of_map} --out {out}')
     if posed:
@@ -169,6 +173,10 @@ def _rounded(tables: NDArray[np.float32]) -> list[list[float]]:
     return [[float(f'{each + 0:.{_DIGITS}f}') for each in row] for row in tables.round(_DIGITS)]
 
 
+def _has_several(capture: Capture) -> SettingsError:
+    return SettingsError(f'{capture.folder} has several views; learn from them with --posed')
+
+
 def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterator[Example]:
     """An example of each capture. views: side of the square of views used. purpose: of the bar."""
     for each in track(captures, console=STDERR, description=purpose, transient=True):
@@ -198,12 +206,11 @@ def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence
             ) -> Iterator[Example]:
     """An example of each capture, by its contour map."""
     for each in track(captures, console=STDERR, description=purpose, transient=True):
-        truth = each.truth
+        truth, source = each.truth, each.read(None)
+        if isinstance(source, PosedViews):
+            raise _has_several(each)
         region = Region(truth.roi_center, truth.roi_size)
         near, far = region.grown(_LARGEST)
         settings = DlvSettings.make({'near': near, 'far': far, 'views': views}, str(each.folder))
-        source = each.read(None)
-        if isinstance(source, PosedViews):
-            raise SettingsError(f'{each.folder} has several views; learn from them with --posed')
         odds = build_map(source, settings, numbers=numbers)
         yield Example(odds, ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -1,7 +1,9 @@
 """`pmcl learn` writes the data file that is read at start."""
 
 import numpy as np
-from command_line import Runner
+import pytest
+import yaml
+from command_line import Runner, pmcl
 
 from pmcl_ros.cli import main
 from pmcl_ros.evidence.learned import LearnedProfile
@@ -22,3 +24,19 @@ def test_the_file_holds_what_is_printed(tmp_path):
     assert f'bias {numbers.bias:.2f}' in done.stdout
     assert np.any(numbers.tables)
     assert f'# pmcl learn {scenes} --views 3 --seed 0 --creases --out {out}' in out.read_text()
+
+
+@pytest.fixture(scope='module')
+def captures_of_several_views(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('views')
+    (folder / 'camera.yaml').write_text(yaml.safe_dump(
+        {'width': 64, 'height': 48, 'fx': 60.0, 'cx': 31.5, 'cy': 23.5}))
+    pmcl('scenes', 'render', '--camera', folder / 'camera.yaml', '--cameras', 'arc:2:40',
+         '--samples', 1, '--count', 1, '-o', folder / 'scenes')
+    return folder / 'scenes'
+
+
+@pytest.mark.parametrize('more', [(), ('--creases',), ('--map',)])
+def test_captures_of_several_views_are_for_posed(captures_of_several_views, more):
+    done = pmcl('learn', captures_of_several_views, *more, status=1)
+    assert 'has several views; learn from them with --posed' in done.stderr
