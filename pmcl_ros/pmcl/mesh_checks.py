@@ -13,7 +13,9 @@ from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
 
 _LOG = logging.getLogger(__name__)
-_MANY_FACES = 100_000
+_MANY_FACES, _ENOUGH = 100_000, 20_000
+_SIMPLIFY = ("python3 -c \"import trimesh; trimesh.load('mesh.stl', force='mesh')."
+             f'simplify_quadric_decimation(face_count={_ENOUGH}).export(\'simple.stl\')"')
 _BIT = 0.01  # of the area of the largest part: less is dust in a scan, a cap is more
 _NO_BALL = 0.05  # share of its radius by which the surface of no ball differs less
 _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
@@ -44,8 +46,9 @@ def check_scan(mesh: trimesh.Trimesh, name: str) -> None:
     Raises ObjectModelError for an origin so far away that poses about it say nothing.
     """
     if len(mesh.faces) > _MANY_FACES:
-        _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
-                     'the mesh', name, len(mesh.faces))
+        _LOG.warning('object %r: %d faces make a search take minutes, %d are enough; simplify the '
+                     'mesh, with the name of its file for mesh.stl: %s', name, len(mesh.faces),
+                     _ENOUGH, _SIMPLIFY)
     share = boundary_share(mesh)
     if share:
         _LOG.warning('object %r: its mesh is not closed, %d %% of the edges belong to one face '
