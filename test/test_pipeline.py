@@ -3,6 +3,7 @@
 A volume is made only where one is asked for.
 """
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -178,6 +179,21 @@ def test_posed_views_have_a_volume_of_the_region_where_one_is_asked_for():
     alone = posed_views((0, 9))
     seen = build_evidence(alone, found.settings, 'default', 'map')
     assert region_volume(seen, CUP, SETTINGS) is None  # one view alone sees the region
+
+
+@pytest.mark.parametrize(('changes', 'level'), [(None, logging.INFO),
+                                                ({'labels': 9}, logging.WARNING)])
+def test_few_labels_are_a_warning_where_the_user_chose_them(caplog, changes, level):
+    long = Pinhole(5000, 64, 20000.0, 20000.0, 2499.5, 31.5)
+    noise = np.random.default_rng(0).random((64, 5000, 3), np.float32)
+    views = PosedViews(tuple(
+        replace(each, pinhole=long, picture=noise)
+        for each in posed_views((-0.03, 0.03)).views))
+    seen = build_evidence(views, DlvSettings(), 'default', 'map')
+    with caplog.at_level(logging.INFO):
+        region_volume(seen, CUP, SETTINGS, changes)
+    told, = (each for each in caplog.records if 'from label to label' in each.message)
+    assert told.levelno == level
 
 
 @pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap)])

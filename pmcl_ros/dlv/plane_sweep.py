@@ -34,15 +34,15 @@ _UNSEEN = np.float32(-1)  # in place of a cost
 _ROUNDING = 1e-6  # px: a place so little outside is inside
 
 
-def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: int | None = None
-                          ) -> DepthLikelihoodVolume:
+def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: int | None = None,
+                          level: int = logging.WARNING) -> DepthLikelihoodVolume:
     """The depth likelihood volume of posed views, in the optical frame of one of them.
 
     reference: number of that view; None: the `central` one. All views are compared with it,
     whatever the settings' `views` says, and count alike. A view that does not see a pixel's point
     at some labels, since it is behind the camera or out of the picture, says nothing there: it
     adds the mean cost of those at which it sees it. The header's frame is named after the view;
-    `camera` says where it is.
+    `camera` says where it is. level: of the log's line that labels are few.
     Raises VolumeError when there is one view only, the volume would be too large, or the settings
     ask for what only light fields have: interpolation phase, layers joint, back_end gl. Logs a
     warning where no other view sees what the reference view does: all likelihoods are then 0.
@@ -50,7 +50,7 @@ def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: i
     _check(settings)
     pairs = PosedPairs.from_views(views, settings.crop, settings.stride, reference)
     pinhole = pairs.pixels.pinhole
-    depths = checked_labels(pairs, settings, pinhole, 'labels')
+    depths = checked_labels(pairs, settings, pinhole, 'labels', level=level)
     likelihood = _likelihood(pairs, depths, settings)
     if not likelihood.any():
         _LOG.warning('no other view sees what view %d does between %g and %g m: the volume says '

@@ -33,12 +33,12 @@ def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
 
 
 def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinhole: Pinhole,
-                   name: Literal['labels', 'edge_labels'], components: int = 1
-                   ) -> NDArray[np.float64]:
+                   name: Literal['labels', 'edge_labels'], components: int = 1,
+                   level: int = logging.WARNING) -> NDArray[np.float64]:
     """The depths (labels,) [m] of the labels that the settings ask for.
 
     pinhole: of the pixels that each get `components` float32 values a label. Raises VolumeError
-    where the values take too much memory. Logs a warning where views move by more than a pixel
+    where the values take too much memory. Logs, at a level, where views move by more than a pixel
     from label to label.
     """
     count = getattr(settings, name)
@@ -52,16 +52,16 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
             f'pixels {math.ceil(math.sqrt(size / _MOST_BYTES))} times as large (--shrink)')
     needed = pairs.labels_needed(settings.near, settings.far)
     if count < needed:
-        _warn_of_few_labels(name, count, needed)
+        _tell_few_labels(level, name, count, needed)
     return depth_labels(settings.near, settings.far, count)
 
 
 @lru_cache(maxsize=16)  # logged once, not at every capture
-def _warn_of_few_labels(name: str, count: int, needed: int) -> None:
+def _tell_few_labels(level: int, name: str, count: int, needed: int) -> None:
     more = (f'set {name} to {needed} (it is {count})' if needed <= MOST_LABELS
             else 'make pixels larger')
-    _LOG.warning('views move by up to %.1f px from label to label, more than one: %s, or near '
-                 'and far closer together', (needed - 1) / (count - 1), more)
+    _LOG.log(level, 'views move by up to %.1f px from label to label, more than one: %s, or near '
+             'and far closer together', (needed - 1) / (count - 1), more)
 
 
 def check_values(values: NDArray[np.float32], components: tuple[int, ...],

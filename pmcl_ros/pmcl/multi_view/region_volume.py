@@ -50,13 +50,16 @@ def region_volume(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSet
     values: dict[str, Any] = {**within_limits(max(near - beyond, near / 2), far + beyond),
                               'crop': (window.left, window.top, *window.size)}
     made = DlvSettings.make(values | dict(changes or {}), origin)
-    if 'labels' not in (changes or {}):
+    chosen = 'labels' in (changes or {})
+    if not chosen:
         pairs = PosedPairs.from_views(views, made.crop, made.stride, number)
         rows, columns = pairs.pixels.shape
         labels = min(max(made.labels, pairs.labels_needed(made.near, made.far)), MOST_LABELS,
                      _MOST_VALUES // (rows * columns))
         made = made.model_copy(update={'labels': labels})
-    return build_volume_of_views(views, made, number), made
+    # A warning is of what the user chose: otherwise there are as many as are possible.
+    level = logging.WARNING if chosen else logging.INFO
+    return build_volume_of_views(views, made, number, level), made
 
 
 def _about(model: ObjectModel, pose: NDArray[np.float64], view: PosedView, window: Window
