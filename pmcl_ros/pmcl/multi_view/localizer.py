@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
-from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.se3 import rotate_covariance
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
@@ -77,16 +77,18 @@ class MultiViewLocalizer(Closing):
         """
         stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside, near)
         found = self._localized(evidence, rng, stages, asked)
-        _tell_unused(len(evidence.views), len(found.fits))
+        used = len(found.fits)
         if self._numbers is not None or not second:
+            self._tell_unused(evidence, used, found.estimate.lost)
             return found.estimate
+        given = evidence
         if near is None and found.estimate.lost and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
                 views, rng, ending, replace(asked, also=found.modes)))
-        if not found.estimate.hidden:
-            _tell(found.fits, found.estimate.least_evidence)
+        self._tell_unused(given, used, found.estimate.lost)
+        _tell(found.fits, found.estimate.least_evidence)
         return with_surface(found.estimate, evidence, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -269,6 +271,21 @@ class MultiViewLocalizer(Closing):
             return np.array([posterior.evidence_at(each)
                              for each in np.linalg.inv(first) @ poses])
 
+    def _tell_unused(self, evidence: ViewsEvidence, used: int, is_lost: bool) -> None:
+        """Warn where so few views see the region that it is a mistake; of a lost object, not all.
+
+        used: number of those that see any of it. Where the object is lost, its middle counts.
+        """
+        given, what = len(evidence.views), 'the region of interest'
+        if is_lost and used == given:
+            what = f'the middle of {what}'
+            used = sum(_sees(each, self._settings.roi_center) for each in evidence.views)
+        if used < (given if is_lost else given / 2):
+            _LOG.warning(
+                '%d of %d views see %s: are their poses in metres, from the camera to the frame '
+                'of the region, quaternions in the order x, y, z, w, and is the origin of the '
+                'mesh in the region? (pmcl --verbose tells why of each)', used, given, what)
+
     def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
         """(k, 4, 4) proposals of some views, in the frame of the first.
 
@@ -308,12 +325,14 @@ class _Asked:
     also: NDArray[np.float64] | None = None
 
 
-def _tell_unused(given: int, used: int) -> None:
-    """Warn where so few of the views see the region that it is likely a mistake."""
-    if used < given / 2:
-        _LOG.warning('%d of %d views see the region of interest: are their poses in metres, from '
-                     'the camera to the frame of the region? (pmcl --verbose tells why of each)',
-                     used, given)
+def _sees(view: PosedEvidence, place: tuple[float, float, float]) -> bool:
+    """Whether a place in the reference frame [m] is in a view's picture."""
+    camera, pinhole = view.camera_to_reference, view.evidence.pinhole
+    before = (np.array(place) - camera[:3, 3]) @ camera[:3, :3]
+    if before[2] <= 0:
+        return False
+    pixel = pinhole.project(before[None])[0] + 0.5
+    return bool((pixel >= 0).all() and (pixel < (pinhole.width, pinhole.height)).all())
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:
