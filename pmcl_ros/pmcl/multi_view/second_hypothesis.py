@@ -1,6 +1,6 @@
 """What the views may be otherwise, where an object is lost in them.
 
-Something hides it in some of them, or the cameras' poses are not what they were told to be.
+Something hides it in some of them, or the cameras' poses are not what was reported.
 """
 
 import logging
@@ -19,6 +19,8 @@ _LOG = logging.getLogger(__name__)
 _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigma_mm and '
            'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
+_SAME = 1e-9  # m: poses that are equal
+_FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,30 @@ _Search = Callable[[ViewsEvidence], Found]
 
 def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
                       ) -> tuple[Found, ViewsEvidence]:
-    """What a search finds in place of a lost object, and in which views. The log tells why."""
-    for hypothesis in (_hidden_in_some, _cameras_off):
-        second = hypothesis(evidence, lost, search)
-        if second is not None:
-            return second
-    return lost, evidence
+    """What a search finds in place of a lost object, and in which views. The log tells why.
+
+    The cameras of views that show the object, where others do not, are checked too.
+    """
+    found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
+    hidden = found.estimate.hidden
+    found, rest = _cameras_off(rest, found, search) or (found, rest)
+    if found.estimate.lost and _is_one_camera(evidence):
+        _LOG.warning('lost, and all %d views have the same camera pose: give each picture its own',
+                     len(evidence.views))
+    kept = _kept(evidence, hidden)
+    return replace(found, estimate=replace(found.estimate, hidden=hidden), fits=[
+        replace(each, number=kept[each.number]) for each in found.fits]), rest
+
+
+def _is_one_camera(evidence: ViewsEvidence) -> bool:
+    """Whether several views have one and the same camera pose."""
+    cameras = np.array([each.camera_to_reference for each in evidence.views])
+    return len(cameras) > 1 and float(np.ptp(cameras, axis=0).max()) < _SAME
+
+
+def _kept(evidence: ViewsEvidence, hidden: Sequence[int]) -> list[int]:
+    """The numbers of views that `without` keeps."""
+    return [number for number in range(len(evidence.views)) if number not in hidden]
 
 
 def shown_in(fits: Sequence[Sequence[ViewFit]]) -> tuple[int, ...]:
@@ -64,7 +84,7 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
                     ) -> tuple[Found, ViewsEvidence] | None:
     """Found without the views that do not show it, if most do.
 
-    Half of them suffice where the others show it nowhere.
+    Half of them suffice where the others show it nowhere. So do fewer that show it clearly.
     """
     if not lost.shown:
         return None
@@ -73,8 +93,13 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
     found = search(rest)
     if found.estimate.lost:
         return None
-    half = len(lost.shown) == len(hidden)
-    if half and not search(evidence.without(lost.shown)).estimate.lost:
+    kept = _kept(evidence, hidden)
+    clear = [kept[each.number] for each in found.fits
+             if each.evidence >= found.estimate.least_evidence]
+    if 2 * len(clear) <= len(lost.fits) and not search(evidence.without(clear)).estimate.lost:
+        _LOG.warning('lost: it is at one place in views %s, at another in the rest: is each '
+                     'picture with its own camera pose, or has the object moved?',
+                     ', '.join(map(str, clear)))
         return None
     _LOG.warning('found without views %s, which do not show it there: is something before the '
                  "object, has it moved, or is the camera's pose wrong?",
@@ -84,7 +109,7 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
 
 def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
                  ) -> tuple[Found, ViewsEvidence] | None:
-    """Found with camera poses that fit the surroundings, if those told do not."""
+    """Found with camera poses that fit the surroundings, if those reported do not."""
     if not evidence.are_exact or len(evidence.views) < 2:
         return None
     pictures = evidence.pictures
@@ -103,8 +128,8 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
     position, rotation = adjusted.off
     _LOG.warning(
         'found with camera poses that fit the surroundings, up to %.1f mm and %.1f degrees off '
-        'those told: matches in the pictures are %.1f px apart with the told ones, %.1f px with '
-        f'these; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
+        'those reported: matches in the pictures are %.1f px apart with these, %.1f px with '
+        f'the others; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
         adjusted.after)
     return found, fitting
 
@@ -112,12 +137,23 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
 def _tell_if_off(evidence: ViewsEvidence, lost: Found, search: _Search) -> None:
     """Say whether cameras that are a little off would find a contour of which parts are missing.
 
+    A mesh that is off by as much looks the same, and the finer the pixels, the less may be off.
+
     The object stays lost: such cameras fit what is not the object more easily, too.
     """
-    if not lost.estimate.incomplete:
+    if not lost.estimate.incomplete or _is_one_camera(evidence):
         return
     loose = replace(evidence, views=tuple(
         replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
-    if not search(loose).estimate.lost:
-        _LOG.warning('lost with camera poses that are exact, found if they are off by %.1f mm and '
-                     f'%.1f degrees: {_ADVICE}', 1e3 * _OFF[0], np.rad2deg(_OFF[1]))
+    if search(loose).estimate.lost:
+        return
+    position, rotation = _OFF
+    away = np.median([np.linalg.norm(each.camera_to_reference[:3, 3]
+                                     - lost.estimate.pose[:3, 3]) for each in evidence.views])
+    finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
+    _LOG.warning('lost with camera poses that are exact, found if they are off by %.1f mm and '
+                 '%.1f degrees, or the mesh by %.1f mm: '
+                 f'{_ADVICE}; check the size of the mesh, and whether it has holes%s',
+                 1e3 * position, np.rad2deg(rotation), 1e3 * np.hypot(position, rotation * away),
+                 f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
+                 else '')

@@ -143,6 +143,19 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
     mostly_blind = replace(blind, views=(blind.views[0], blind.views[0], blind.views[1]))
     assert found(CUP, mostly_blind, progress=lambda _: False) is not None
     assert '1 of 3 views see the region of interest: are their poses in metres' in caplog.text
+    caplog.clear()
+    nothing = map_seen(np.zeros((4 * COARSE.height, 4 * COARSE.width), bool), COARSE, 0.3, 0.6)
+    lost = replace(blind, views=(blind.views[0], *(replace(each, evidence=nothing)
+                                                   for each in evidence.views)))
+    assert found(CUP, lost, progress=lambda _: False).lost
+    assert '2 of 3 views see the region of interest' in caplog.text
+    aside = cameras[1].copy()
+    aside[:3, 3] += 0.3 * aside[:3, 0]  # it sees a part of a wide region, and not its middle
+    views = lost.views[1], replace(lost.views[2], camera_to_reference=aside)
+    assert found(CUP, replace(lost, views=views), settings(size=(0.6, 0.1, 0.14)),
+                 progress=lambda _: False).lost
+    assert '1 of 2 views see the middle of the region of interest' in caplog.text
+    assert 'quaternions in the order x, y, z, w, and is the origin of the mesh' in caplog.text
     np.testing.assert_array_equal(with_blind.pose, without.pose)
     with pytest.raises(LocalizationError, match='none of the 1 views sees the region'):
         found(CUP, replace(blind, views=blind.views[:1]))
@@ -362,6 +375,41 @@ def test_views_of_two_places_show_no_object(context, caplog, angles, by):
     assert estimate.lost
     assert estimate.hidden == ()
     assert 'found without' not in caplog.text
+
+
+def test_a_view_that_shows_an_object_in_part_does_not_decide_where_it_is(context, caplog):
+    """Views 0, 3 show it here, view 1 elsewhere, view 2 there too, and a part of it here."""
+    truth, cameras = truth_of(CUP), around([-25, 0, 15, 30])
+    elsewhere = truth.copy()
+    elsewhere[:3, 3] += [-0.05, -0.04, 0.02]
+    here = maps_seen(context, CUP, truth, cameras, CAMERA).views
+    there = maps_seen(context, CUP, elsewhere, cameras, CAMERA).views
+    part, whole = (depth_of(context, CUP, np.linalg.inv(cameras[2]) @ each, CAMERA, 4) > 0
+                   for each in (truth, elsewhere))
+    columns = np.flatnonzero(part.any(axis=0))
+    part[:, columns[3 * len(columns) // 4]:] = False
+    both = replace(here[2], evidence=map_seen(part | whole, CAMERA, 0.3, 0.6, 4))
+    estimate = found(CUP, ViewsEvidence(Header(7, 'base'), (here[0], there[1], both, here[3])))
+    assert estimate.lost
+    assert 'it is at one place in views 0, 3, at another in the rest' in caplog.text
+
+
+def test_the_same_camera_pose_for_all_views_is_told(context, caplog):
+    truth, cameras = truth_of(CUP), around([-4, 4])
+    evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
+    same = replace(evidence, views=tuple(replace(each, camera_to_reference=cameras[0])
+                                         for each in evidence.views))
+    assert found(CUP, same).lost
+    assert 'lost, and all 2 views have the same camera pose' in caplog.text
+
+
+def test_a_mesh_of_another_size_is_told_beside_cameras_that_are_off(context, caplog):
+    fine = CAMERA.resized(3 * CAMERA.width, 3 * CAMERA.height)
+    evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 20]), fine)
+    larger = model_of(cup().apply_scale(1.03), [0, 0, 1])
+    assert found(larger, evidence).lost
+    assert 'found if they are off by 1.0 mm and 0.2 degrees, or the mesh by' in caplog.text
+    assert f'(--shrink {round(fine.fx / 600)})' in caplog.text
 
 
 def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
