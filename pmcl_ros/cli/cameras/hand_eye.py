@@ -144,12 +144,16 @@ def _print(found: HandEye, fixed: bool, parent: str) -> None:
     apart = local(found.closed_form[None], found.camera)[0]
     click.echo(f'the closed form of Park and Martin is {1e3 * np.linalg.norm(apart[:3]):.2f} mm '
                f'and {np.rad2deg(np.linalg.norm(apart[3:])):.3f} degrees off that')
-    for name, pixels, motion in zip(found.names, found.pixels, found.motions, strict=True):
-        click.echo(f'{name}: corners {pixels:.2f} px, arm off by '
-                   f'{1e3 * np.linalg.norm(motion[:3]):.2f} mm, '
-                   f'{np.rad2deg(np.linalg.norm(motion[3:])):.3f} degrees')
-    for name in found.left_out:
-        click.echo(f'{name}: left out, it does not fit the others')
+    for each in zip(found.names, found.pixels, found.motions, strict=True):
+        click.echo(_residuals(*each))
+    for each in zip(found.left_out, found.left_pixels, found.left_motions, strict=True):
+        click.echo(f'{_residuals(*each)}: left out, it does not fit the others')
+
+
+def _residuals(name: str, pixels: float, motion: NDArray[np.float64]) -> str:
+    return (f'{name}: corners {pixels:.2f} px, arm off by '
+            f'{1e3 * np.linalg.norm(motion[:3]):.2f} mm, '
+            f'{np.rad2deg(np.linalg.norm(motion[3:])):.3f} degrees')
 
 
 def _simulate(arms: int, fixed: bool) -> None:

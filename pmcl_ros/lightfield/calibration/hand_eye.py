@@ -6,7 +6,7 @@ of Park and Martin (1994) is where the fit starts.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -60,6 +60,8 @@ class HandEye:
     sigma: of the arm's poses on each axis [m, rad]: those told, or estimated.
     pixels: (n,) rms distance of the corners from the board seen alone [px]. motions: (n, 6) by
     which the arm's poses are off [m, rad]. left_out: names of pictures that do not fit.
+    left_pixels: (k,) as `pixels` of these. left_motions: (k, 6) by which the arm's poses are off
+    if all the rest is as found.
     """
 
     camera: NDArray[np.float64]
@@ -71,6 +73,8 @@ class HandEye:
     pixels: NDArray[np.float64]
     motions: NDArray[np.float64]
     left_out: tuple[str, ...] = ()
+    left_pixels: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    left_motions: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
 
 
 def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinhole: Pinhole,
@@ -99,10 +103,10 @@ def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
             sigma: tuple[float, float] | None, fixed: bool) -> HandEye:
     """The fit to the pictures that fit each other. Takes the others out of both lists."""
     most = len(kept) // 4
-    left_out: list[str] = []
+    left: list[tuple[BoardPicture, _BoardPose]] = []
     for number in _turned_otherwise(kept, boards)[::-1]:
-        left_out.insert(0, kept.pop(number).name)
-        del boards[number]
+        left.insert(0, (kept.pop(number), boards.pop(number)))
+    left_out = [each.name for each, _ in left]
     if len(left_out) > most:
         names = ', '.join(left_out[:8]) + ', ...' * (len(left_out) > 8)
         raise LightFieldError(f'in {len(left_out)} of {len(left_out) + len(kept)} pictures '
@@ -117,14 +121,25 @@ def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
             raise LightFieldError(why)
         if fits:
             found, _ = _fitted(kept, boards, sigma, fixed)
-            return replace(found, left_out=tuple(left_out))
+            return _with_left_out(found, left, fixed) if left else found
         if enough:
             raise LightFieldError(
                 'more than a quarter of the pictures do not fit the others: '
                 f'{", ".join([*left_out, kept[worst].name])}; are the poses those of the link, '
                 'taken at rest, and is sigma what the arm can do?')
-        left_out.append(kept.pop(worst).name)
-        del boards[worst]
+        left_out.append(kept[worst].name)
+        left.append((kept.pop(worst), boards.pop(worst)))
+
+
+def _with_left_out(found: HandEye, left: Sequence[tuple[BoardPicture, _BoardPose]], fixed: bool
+                   ) -> HandEye:
+    """With the errors of the arm that alone would explain the boards of pictures left out."""
+    arm = np.array([each.mount_to_base for each, _ in left])
+    seen = np.array([each[0] for _, each in left])
+    mounts = found.board @ inverse(seen) @ inverse(found.camera)
+    return replace(found, left_out=tuple(each.name for each, _ in left),
+                   left_pixels=np.array([each[2] for _, each in left]),
+                   left_motions=local((mounts if fixed else inverse(mounts)) @ arm, np.eye(4)))
 
 
 def _turned_otherwise(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose]

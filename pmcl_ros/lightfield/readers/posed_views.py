@@ -138,6 +138,7 @@ class ViewsFile(Settings):
 
     @model_validator(mode='after')
     def _whole(self) -> 'ViewsFile':
+        of_arm = any(each.mount_to_base is not None for each in self.views)
         for each in self.views:
             if each.is_light_field == bool(each.camera):
                 raise ValueError(f'{each.file}: a picture needs a camera, and a light field '
@@ -150,7 +151,7 @@ class ViewsFile(Settings):
                 raise ValueError(f'{each.file} and {self.views[0].file}: either all views have '
                                  'camera_to_reference, or none')
             if (len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set
-                    and each.mount_to_base is None):
+                    and each.mount_to_base is None and (self.posed or not of_arm)):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
                                  'needs one')
         files = [os.path.normpath(each.file) for each in self.views]

@@ -1,5 +1,6 @@
 """The hand-eye calibration: against simulated arms, its bound, and pictures of a board."""
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -70,13 +71,19 @@ def test_the_closed_form_is_opencv_s():
     np.testing.assert_allclose(found[:3, 3], place.ravel(), atol=1e-6)
 
 
-def test_a_picture_that_does_not_fit_is_named_and_left_out():
-    arm = simulated_arm(np.random.default_rng(6))
+@pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
+def test_a_picture_that_does_not_fit_is_named_and_left_out(fixed):
+    arm = simulated_arm(np.random.default_rng(6), fixed_camera=fixed)
     bad = replace(arm.pictures[7], mount_to_base=retract(
         arm.pictures[7].mount_to_base[None], np.array([[0.02, 0, 0, 0, 0.03, 0]]))[0])
     pictures = (*arm.pictures[:7], bad, *arm.pictures[8:])
-    found = hand_eye(pictures, arm.board, arm.pinhole, arm.sigma)
+    found = hand_eye(pictures, arm.board, arm.pinhole, arm.sigma, fixed)
     assert found.left_out == ('007',)
+    assert found.left_pixels == pytest.approx(np.median(found.pixels), rel=0.5)
+    told = local((inverse(arm.pictures[7].mount_to_base) @ bad.mount_to_base)[None], np.eye(4))
+    off = found.left_motions - told
+    assert np.linalg.norm(off[0, :3]) < 0.005
+    assert np.linalg.norm(off[0, 3:]) < 0.01
     assert '007' not in found.names
     off = local(arm.camera[None], found.camera)[0]
     assert np.linalg.norm(off[:3]) < 0.003
@@ -250,6 +257,20 @@ def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path
     assert np.linalg.norm(off[3:]) < np.deg2rad(0.15)
 
 
+def test_the_residuals_of_a_picture_that_is_left_out_are_told(taken, tmp_path):
+    folder, _ = taken
+    values = yaml.safe_load((folder / 'views.yaml').read_text())
+    for each in values['views']:
+        each['file'] = str(folder / each['file'])
+    values['views'][3]['mount_to_base'][3] += 0.05
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(values))
+    told = CliRunner().invoke(main, ['handeye', str(tmp_path), '--square', '0.02'])
+    found = re.search(r'3\.png: corners (\S+) px, arm off by (\S+) mm, \S+ degrees: left out, it '
+                      'does not fit the others', told.output)
+    assert float(found[1]) < 1
+    assert float(found[2]) == pytest.approx(50, abs=3)
+
+
 def test_the_memory_for_one_picture_is_enough(taken, monkeypatch):
     folder, camera = taken
     monkeypatch.setattr(posed_views, 'MOST_BYTES', 12 * 640 * 480)
@@ -267,7 +288,7 @@ def test_large_pictures_can_be_shrunk(taken, monkeypatch):
     assert len(found.names) + len(found.left_out) == 12
     assert np.linalg.norm(local(camera[None], found.camera)[0, :3]) < 1e-3
     told = CliRunner().invoke(main, ['handeye', str(folder), '--square', '0.02', '--shrink', '2'])
-    assert told.output.count('corners 0.') == len(found.names)
+    assert told.output.count('corners 0.') == len(found.names) + len(found.left_out)
 
 
 def test_pictures_of_two_cameras_are_refused_before_they_are_read(taken, tmp_path):
@@ -292,6 +313,10 @@ def test_what_is_missing_is_said(taken, tmp_path):
     missing = run(main, ['handeye', str(tmp_path)])
     assert missing.exit_code != 0
     assert '3.png has no mount_to_base' in missing.output
+    del values['views'][3]['camera_to_reference']
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(values))
+    missing = run(main, ['handeye', str(tmp_path)])
+    assert '3.png has no mount_to_base, the pose of the link' in missing.output
     values = yaml.safe_load((folder / 'views.yaml').read_text())
     for number, each in enumerate(values['views']):
         each |= {'file': str(folder / each['file']), 'sigma_mm': 0.2 + (number == 3),
