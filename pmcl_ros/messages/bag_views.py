@@ -3,8 +3,9 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
@@ -33,6 +34,7 @@ _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO, _POSE = 'sensor_msgs/msg/CameraInfo', 'geometry_msgs/msg/PoseStamped'
 _TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 _TF, _TF_STATIC = '/tf', '/tf_static'
+_ALL, _VALUES = '/**', 'ros__parameters'  # of a parameter file
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
 _Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
 _APART = 1_000_000_000  # ns: recordings of images and poses begin and end together, nearly
@@ -45,6 +47,15 @@ class BagViews(SweepDriverSettings):
                              'beside it; empty: the only one, or the one called image')
     pose_topic: str = Field('', description='of the poses of the camera: PoseStamped, or /tf; '
                             'empty: the only one, or the one called camera_pose')
+
+    @model_validator(mode='before')
+    @classmethod
+    def _without_section(cls, values: Any) -> Any:
+        """The values of a parameter file of all nodes, as `pmcl handeye` writes one."""
+        section = values.get(_ALL) if isinstance(values, dict) else None
+        if not isinstance(section, dict) or not isinstance(section.get(_VALUES), dict):
+            return values
+        return section[_VALUES] | {name: each for name, each in values.items() if name != _ALL}
 
 
 def has_images_with_poses(bag: Path | str) -> bool:

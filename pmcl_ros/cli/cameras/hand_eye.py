@@ -40,8 +40,8 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 @click.option('--simulate', type=click.IntRange(1), metavar='ARMS', help='In place of SOURCE: '
               'so many simulated arms, with the errors and the bound.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
-              help='Write mount_parent, mount_position, mount_rpy and the covariance, as '
-              'sweep_driver and grasp_node read the first three.')
+              help='Write mount_parent, mount_position and mount_rpy, a parameter file for '
+              'sweep_driver and grasp_node, with the covariance in a comment.')
 @FORCE
 def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, parent: str,
             shrink: int, simulate: int | None, out: Path | None, force: bool) -> None:
@@ -71,7 +71,8 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
         values |= {'mount_position': found.camera[:3, 3].tolist(), 'mount_rpy': [x, y, z]}
         try:
             out.write_text(f'# pmcl handeye {source}\n' + yaml.safe_dump(
-                values, default_flow_style=None, sort_keys=False) + '# covariance: '
+                {'/**': {'ros__parameters': values}}, default_flow_style=None,
+                sort_keys=False) + '# covariance: '
                 f'{[float(f"{each:.3g}") for each in found.covariance.ravel()]}\n')
         except OSError as error:
             raise PmclError(f'cannot write {out}: {error.strerror or error}') from None

@@ -6,8 +6,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from click.testing import CliRunner
+from rclpy.context import Context
+from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
@@ -17,6 +20,8 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import hand_eye, park_martin
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.readers import posed_views
+from pmcl_ros.messages.bag_views import BagViews
+from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 BOARD = Checkerboard(10, 7, 0.02)
@@ -249,8 +254,20 @@ def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path
                                        'wrist', '-o', str(out)])
     assert result.exit_code == 0, result.output
     assert result.output.count('corners 0.') == 12
-    values = yaml.safe_load(out.read_text())
+    assert check_parameter_file(out) == []
+    context = Context()
+    rclpy.init(args=['--ros-args', '--params-file', str(out)], context=context)
+    try:
+        node = Node('grasp_node', context=context, start_parameter_services=False,
+                    automatically_declare_parameters_from_overrides=True)
+        values = {name: each.value for name, each in node.get_parameters_by_prefix('').items()}
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
     assert values['mount_parent'] == 'wrist'
+    collected = BagViews.load(out)
+    assert collected.mount_parent == 'wrist'
+    assert collected.mount_rpy == pytest.approx(tuple(values['mount_rpy']), rel=1e-12)
     found = transform(values['mount_position'], values['mount_rpy'])
     off = local(camera[None], found)[0]
     assert np.linalg.norm(off[:3]) < 1e-3
