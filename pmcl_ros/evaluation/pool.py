@@ -33,18 +33,18 @@ def run_jobs(jobs: Sequence[Job], camera: Camera | None, processes: int,
         job.variant.search(job.capture)
     outcomes = (_one_by_one(jobs, camera, stopped) if processes == 1
                 else _side_by_side(jobs, camera, processes, stopped))
-    told: dict[tuple[str, str], None] = {}  # of the seeds of a capture one message suffices
+    failures: dict[tuple[str, str], None] = {}  # of the seeds of a capture one message suffices
     with contextlib.closing(outcomes):
         for job, outcome in outcomes:
             if isinstance(outcome, Trial):
                 yield outcome
-            elif (each := (job.capture.name, str(outcome))) not in told:
-                told[each] = None
+            elif (each := (job.capture.name, str(outcome))) not in failures:
+                failures[each] = None
                 _LOG.error('%s: %s', *each)
-    if told and not stopped():
-        failed = sorted({name for name, _ in told})
+    if failures and not stopped():
+        failed = sorted({name for name, _ in failures})
         count = len({each.capture.name for each in jobs})
-        raise PmclError(f'{len(failed)} of {count} captures failed, as told above: '
+        raise PmclError(f'{len(failed)} of {count} captures failed, as said above: '
                         f'{", ".join(failed)}')
 
 

@@ -53,7 +53,7 @@ def write_scene(folder, posed=True):
         mesh.export(models / f'obj_{number:06d}.ply')
     cameras, truths = {}, {}
     for number, pose in enumerate(CAMERAS):
-        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), np.full((32, 40, 3), number, 'u1'))
+        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), np.full((64, 80, 3), number, 'u1'))
         cameras[str(number)] = {'cam_K': [9, 0, 4.5, 0, 9, 3.5, 0, 0, 1]}
         if posed:
             cameras[str(number)] |= named('cam_R_w2c', 'cam_t_w2c', np.linalg.inv(pose))
@@ -101,7 +101,7 @@ def test_views_with_poses_are_localised_together_in_the_world(scene):
         assert view.displayed().max() == number
     reading = Reading(shrink=2, errors=PoseErrors(0.001, 0.01))
     for view in replace(found[2], reading=reading).read(None).views:
-        assert view.picture.shape[:2] == (4, 5)
+        assert view.picture.shape[:2] == (32, 40)
         assert view.sigma == (0.001, 0.01)
 
 

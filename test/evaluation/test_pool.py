@@ -76,7 +76,7 @@ def test_a_capture_that_fails_is_named_and_the_others_go_on(captures, caplog, pr
     far = replace(glass, truth=replace(glass.truth, roi_center=(9.0, 9.0, 0.4)))
     trials = run_jobs(TrialPlan((far, thing, nothing), ROW, (0, 1)).jobs(), None, processes)
     made = []
-    with pytest.raises(PmclError, match=r'^1 of 3 captures failed, as told above: glass$'):
+    with pytest.raises(PmclError, match=r'^1 of 3 captures failed, as said above: glass$'):
         made.extend(trials)
     assert sorted((each.capture, each.seed) for each in made) == [
         ('nothing', 0), ('nothing', 1), ('thing', 0), ('thing', 1)]

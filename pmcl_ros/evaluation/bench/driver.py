@@ -12,8 +12,8 @@ from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.evaluation.bench.decode import camera_text
-from pmcl_ros.nodes.bench.usage import Usage
 from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.usage import Usage
 
 _SOURCES = 3  # captures that are served in turn
 

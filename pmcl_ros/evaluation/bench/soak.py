@@ -32,12 +32,12 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.bench.disturbances import ARGUMENTS, Disturbances
 from pmcl_ros.nodes.bench.running_graph import Graph, GraphError
-from pmcl_ros.nodes.bench.usage import Usage, files_shared_without, shared_files
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.ros_domain import own_domain
+from pmcl_ros.runtime.usage import Usage, files_shared_without, shared_files
 
 _ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)

@@ -21,11 +21,11 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from pmcl_ros.messages.pose import pose_from
-from pmcl_ros.nodes.bench.usage import cpu_seconds
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
 from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.usage import cpu_seconds
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first
 SHOWN = 2000  # characters of a log

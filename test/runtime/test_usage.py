@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
-from pmcl_ros.nodes.bench.usage import files_shared_without, shared_files
+from pmcl_ros.runtime.usage import files_shared_without, shared_files
 
 SHARE = """import mmap, sys
 with open(sys.argv[1], 'r+b') as file:
