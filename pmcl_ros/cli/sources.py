@@ -35,8 +35,8 @@ from pmcl_ros.lightfield.readers.read import (
 )
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.messages.reading import Reading
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml

@@ -17,8 +17,8 @@ from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source, has_posed_views
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.messages.reading import Reading
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import SettingsError
 

@@ -18,7 +18,7 @@ from pmcl_ros.evaluation.records import settings, write_bop
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, PoseErrors
-from pmcl_ros.messages.reading import Reading
+from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
 
 PICTURES = 7

@@ -78,11 +78,11 @@ def _check_unit(path: Path, places: list[list[float]]) -> None:
     """Warn where cameras' places (n, 3) [m] differ, by next to nothing."""
     apart = float(np.linalg.norm(np.ptp(places, axis=0)))
     if 0 < apart < _NEAR:
-        _tell_near(path, len(places), round(1e3 * apart, 2))
+        _warn_near(path, len(places), round(1e3 * apart, 2))
 
 
 @cache  # captures of one scene are many
-def _tell_near(path: Path, count: int, apart: float) -> None:
+def _warn_near(path: Path, count: int, apart: float) -> None:
     _LOG.warning('%s: its %d cameras are all within %g mm: are cam_t_w2c in millimetres?', path,
                  count, apart)
 

@@ -188,7 +188,7 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
            if each.camera and of.cameras[each.camera].pinhole.off_middle > _FAR_OFF}
     if odd:
         camera, pinhole = next(iter(odd.items()))
-        _tell_odd(camera, pinhole, len(odd) - 1)
+        _warn_odd(camera, pinhole, len(odd) - 1)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
@@ -201,7 +201,7 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
 
 @cache  # captures of one camera are many
-def _tell_odd(camera: str, pinhole: Pinhole, others: int) -> None:
+def _warn_odd(camera: str, pinhole: Pinhole, others: int) -> None:
     _LOG.warning('camera %r%s: the principal point (%g, %g) is far from the middle of %dx%d: is '
                  'the calibration of another resolution?', camera,
                  f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,

@@ -51,10 +51,10 @@ class Reading:
         if self.errors is None:
             return read
         found = self.errors.of(read)
-        (told, turned), (given, by) = (np.max([each.sigma for each in views.views], axis=0)
-                                       for views in (read, found))
-        if (told or turned) and (told, turned) != (given, by):
+        (stated, turned), (given, by) = (np.max([each.sigma for each in views.views], axis=0)
+                                         for views in (read, found))
+        if (stated or turned) and (stated, turned) != (given, by):
             _LOG.warning('%s: its camera poses count as %.3g mm and %.3g degrees off, in place of '
                          '%.3g mm and %.3g degrees', path, 1e3 * given, np.rad2deg(by),
-                         1e3 * told, np.rad2deg(turned))
+                         1e3 * stated, np.rad2deg(turned))
         return found
