@@ -1,5 +1,6 @@
 """`pmcl learn`: learn the numbers of the contour evidence from generated scenes."""
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,7 +18,13 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.evidence.learned import LearnedContour, LearnedMapEvidence, LearnedProfile
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.learning.contour_errors import LEVEL, Deviation, fitted_error, fitted_offset
+from pmcl_ros.geometry.student_t import COMMON, credible_level
+from pmcl_ros.learning.contour_errors import (
+    Deviation,
+    fitted_degrees_of_freedom,
+    fitted_error,
+    fitted_offset,
+)
 from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
 from pmcl_ros.learning.posed_views import ViewsExample, learned_from
 from pmcl_ros.learning.posed_views import searches as posed_searches
@@ -124,7 +131,7 @@ def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
     looked = searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed)
     return LearnedMapEvidence.make(
         _WEIGHTS | {'contour_offset': offset, 'least_weight': _LEAST_WEIGHT}
-        | _learn_thresholds(list(looked), _LEAST_WEIGHT), 'the contour map')
+        | _learn_thresholds(list(looked), _LEAST_WEIGHT, of_tails=True), 'the contour map')
 
 
 def _claimed(looked: Sequence[Search], supports: Supports, least_weight: float
@@ -136,8 +143,12 @@ def _claimed(looked: Sequence[Search], supports: Supports, least_weight: float
             and each.weight >= least_weight]
 
 
-def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0) -> dict[str, float]:
-    """Print and return the least support, the least evidence and the model's error."""
+def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0, of_tails: bool = False
+                      ) -> dict[str, float]:
+    """Print and return the least support, the least evidence and the model's error.
+
+    of_tails: and the degrees of freedom of the errors of poses.
+    """
     supports = Supports.from_searches(looked, least_weight)
     least = supports.threshold(_FALSE_ALARMS)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
@@ -150,15 +161,21 @@ def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0) -> di
     click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
     deviations = _claimed(looked, supports, least_weight)
     error = fitted_error(deviations)
-    levels = np.array([each.level(error.common, error.local) for each in deviations])
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
-    for level in (0.5, LEVEL):
+    squares = [each.square(error.common, error.local) for each in deviations]
+    dimensions = [len(each.deviation) for each in deviations]
+    degrees = fitted_degrees_of_freedom(squares, dimensions) if of_tails else math.inf
+    if of_tails:
+        click.echo(f"degrees of freedom of Student's t: {degrees:g}")
+    levels = credible_level(squares, dimensions, degrees)
+    for level in (0.5, COMMON):
         click.echo(f'truths in the {100 * level:.0f} % region: '
                    f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
     return {'least_evidence': round(evidence, _DIGITS), 'least_support': round(least, _DIGITS),
             'common_error': max(round(error.common, _DIGITS), 10 ** -_DIGITS),
             'local_error': max(round(error.local, _DIGITS), 10 ** -_DIGITS),
-            'error_length': error.length}
+            'error_length': error.length,
+            **({'degrees_of_freedom': degrees} if of_tails else {})}
 
 
 def _fields(profile: ContourProfile) -> dict[str, object]:

@@ -101,7 +101,8 @@ class Trial:
             'evaluations': estimate.evaluations, 'pose': tuple(estimate.pose[:3].ravel().tolist())}
         if not (others.get('empty') or others.get('wrong')):
             error = pose_error(estimate.pose, truth, model.symmetry)
-            level = model.symmetry.credible_level(truth, estimate.pose, estimate.covariance)
+            level = model.symmetry.credible_level(truth, estimate.pose, estimate.covariance,
+                                                  estimate.degrees_of_freedom)
             fields |= {
                 'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
                 'told_mm': 1e3 * math.sqrt(np.trace(estimate.covariance[:3, :3])),

@@ -111,7 +111,8 @@ class ContourMap(EvidenceVolume):
     def model_error(self) -> ModelError:
         """See `EvidenceVolume`."""
         return ModelError(self.numbers.common_error, self.numbers.local_error,
-                          self.numbers.error_length)
+                          self.numbers.error_length,
+                          degrees_of_freedom=self.numbers.degrees_of_freedom)
 
     def on(self, lattice: PixelGrid) -> 'ContourMap':
         """See `EvidenceVolume`."""

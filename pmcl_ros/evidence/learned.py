@@ -22,6 +22,8 @@ from pmcl_ros.runtime.settings import Settings
 
 _FOLDER = 'package://pmcl_ros/config/learned'
 _Error = Annotated[float, Field(gt=0, le=100)]
+_Degrees = Annotated[float, Field(
+    ge=1, description="degrees of freedom of the Student's t of the errors of poses [1]")]
 # Sizes that the renderers' scores are made for (`check_profile` of pmcl/render/contour.py).
 MOST_OFFSETS, MOST_KNOTS = 8, 9
 _ALIKE = 0.05  # independent views beyond one: two cameras 2 degrees apart
@@ -116,6 +118,7 @@ class LearnedMapEvidence(Settings):
     local_error: _Error = Field(
         description='standard deviation of the displacement of stretches of a contour [px]')
     error_length: _Error = Field(description='correlation length along these stretches [px]')
+    degrees_of_freedom: _Degrees = math.inf
 
 
 class LearnedViews(Settings):
@@ -142,6 +145,7 @@ class LearnedViews(Settings):
     displacement: float = Field(
         0.0, ge=0, le=10, description='standard deviation of where contours are found in all '
         'views alike, outwards [px]')
+    degrees_of_freedom: _Degrees = math.inf
 
     def displaced(self, views: float) -> float:
         """Standard deviation of the displacement that views share, beside the model error [px].

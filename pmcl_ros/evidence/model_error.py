@@ -1,5 +1,6 @@
 """Covariance of the displacement between the contour in the image and the rendered one."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +25,14 @@ class ModelError:
     common: standard deviation of the displacement of the whole contour [px].
     local: standard deviation of the local displacement [px]. length: its correlation length [px].
     angle: between two views, by which the correlation of their displacements falls to 1 / e [rad].
+    degrees_of_freedom: of the Student's t of the errors of poses (`student_t`).
     """
 
     common: float
     local: float
     length: float
     angle: float = ANGLE
+    degrees_of_freedom: float = math.inf
 
     @classmethod
     def learned(cls) -> 'ModelError':

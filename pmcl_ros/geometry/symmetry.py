@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtr
 
+from pmcl_ros.geometry import student_t
 from pmcl_ros.geometry.se3 import least_turn, local, pose_of, rotation_angle, rotations_about
 from pmcl_ros.runtime.errors import ObjectModelError
 
@@ -228,16 +228,17 @@ class Symmetry:
         return (result + result.T) / 2
 
     def credible_level(self, pose: NDArray[np.float64], mean: NDArray[np.float64],
-                       covariance: NDArray[np.float64]) -> float:
+                       covariance: NDArray[np.float64], degrees_of_freedom: float = math.inf
+                       ) -> float:
         """Level (0 to 1) of the smallest credible region of an estimate that holds `pose` (4, 4).
 
-        mean, covariance: (4, 4) and (6, 6) of the estimate.
+        mean, covariance: (4, 4) and (6, 6) of the estimate. degrees_of_freedom: of the Student's
+        t with the same 90 % region as the Gaussian with that covariance (`student_t`); inf: of
+        that Gaussian.
 
-        The region is the ellipsoid of the Gaussian with that covariance in the tangent space at
-        the mean. Its level is the chi-squared distribution of the squared Mahalanobis distance,
-        with 5 degrees of freedom with an axis of symmetry, else 6. A pose is in the 90 % region
-        where the level is 0.9 at most. The levels of the truth over trials of a calibrated
-        estimate are uniform.
+        The region is an ellipsoid in the tangent space at the mean, which has 5 dimensions with an
+        axis of symmetry, else 6. A pose is in the 90 % region where the level is 0.9 at most. The
+        levels of the truth over trials of a calibrated estimate are uniform.
         """
         basis = self.tangent_basis(mean)
         nearest = self.nearest_equivalents(pose[None], mean)
@@ -247,7 +248,7 @@ class Symmetry:
         scale = 1 / np.sqrt(np.maximum(np.diag(spread), 1e-30))
         correlation = spread * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
         distance = (deviation * scale) @ np.linalg.solve(correlation, deviation * scale)
-        return float(chdtr(basis.shape[1], distance))
+        return float(student_t.credible_level(distance, basis.shape[1], degrees_of_freedom))
 
 
 def symmetry_group(given: Sequence[Sequence[float]], axis: NDArray[np.float64] | None,

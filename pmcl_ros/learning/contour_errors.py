@@ -1,15 +1,17 @@
 """Learns the displacement of contours from the model, by comparing found and true poses."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize
-from scipy.special import chdtr
+from scipy.optimize import brentq, minimize, minimize_scalar
+from scipy.special import betaln
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.geometry.student_t import COMMON, credible_level, shape_scale
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -17,10 +19,10 @@ from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms
 from pmcl_ros.runtime.errors import LocalizationError
 
-LEVEL = 0.9  # nominal coverage to calibrate to
 LENGTH = 40.0  # px: correlation length of local displacements; chosen, not fitted
 _FIRST = 0.25  # px: initial size of both errors
 _LEAST, _MOST = 0.1, 10.0  # bounds of the scale, times the most likely errors
+_DEGREES = 1.0, 1000.0  # of freedom: at the last a Student's t is a Gaussian
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,9 @@ class Deviation:
         """(d, d) covariance by noise and model errors of these sizes [px]."""
         return self.noise + common ** 2 * self.common + local ** 2 * self.local
 
-    def level(self, common: float, local: float) -> float:
-        """Of the smallest credible region that holds the truth (`Symmetry.credible_level`)."""
-        off = self.deviation @ np.linalg.solve(self.spread(common, local), self.deviation)
-        return float(chdtr(len(self.deviation), off))
+    def square(self, common: float, local: float) -> float:
+        """The squared Mahalanobis distance of the truth, with model errors of these sizes [px]."""
+        return float(self.deviation @ np.linalg.solve(self.spread(common, local), self.deviation))
 
 
 def fitted_offset(given: Sequence[Deviation]) -> float:
@@ -111,17 +112,37 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
     """The model error of the most likely ratio, scaled to the nominal coverage.
 
     Errors have longer tails than Gaussians. So the common and the local error are scaled by one
-    factor until regions of the level `LEVEL` hold that share of the truths.
+    factor until regions of the level `COMMON` hold that share of the truths.
     Raises LocalizationError where no factor does.
     """
     common, local = _most_likely(given, lambda *_: 0.0)
 
     def excess(scale: float) -> float:
-        levels = [each.level(scale * common, scale * local) for each in given]
-        return float(np.quantile(levels, LEVEL)) - LEVEL
+        levels = credible_level([each.square(scale * common, scale * local) for each in given],
+                                [len(each.deviation) for each in given], math.inf)
+        return float(np.quantile(levels, COMMON)) - COMMON
 
     if excess(_LEAST) < 0 or excess(_MOST) > 0:
         raise LocalizationError(f'{len(given)} poses do not bound the displacement of contours; '
                                 'learn from more scenes')
     scale = brentq(excess, _LEAST, _MOST)
     return ModelError(scale * common, scale * local, LENGTH)
+
+
+def fitted_degrees_of_freedom(squares: Sequence[float], dimensions: Sequence[int]) -> float:
+    """The most likely Student's t of errors, among those whose 90 % region is a Gaussian's.
+
+    squares: (n,) squared Mahalanobis distances of truths by that Gaussian. dimensions: (n,).
+    """
+    square, d = np.asarray(squares, float), np.asarray(dimensions, float)
+
+    def unlikely(logarithm: float) -> float:
+        degrees = math.exp(logarithm)
+        scale = shape_scale(d, degrees) * degrees
+        # The square over the scale is beta prime distributed; what does not depend on the degrees
+        # is left out.
+        return float((betaln(d / 2, degrees / 2) + d / 2 * np.log(scale)
+                      + (d + degrees) / 2 * np.log1p(square / scale)).sum())
+
+    best = minimize_scalar(unlikely, bounds=np.log(_DEGREES), method='bounded').x
+    return float(f'{math.exp(best):.2g}')

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
-from scipy.special import chdtr
 
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.learning.contour_errors import LEVEL
+from pmcl_ros.geometry.student_t import COMMON, credible_level
+from pmcl_ros.learning.contour_errors import fitted_degrees_of_freedom
 from pmcl_ros.learning.searches import Supports
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
@@ -70,10 +70,9 @@ class ViewsDeviation:
         """(d, d) covariance by noise and model error."""
         return self.noise + numbers.share(self.views, self.disagreement) * self.error
 
-    def level(self, numbers: LearnedViews) -> float:
-        """Of the smallest credible region that holds the truth."""
-        spread = self.spread(numbers)
-        return float(chdtr(len(spread), self.deviation @ np.linalg.solve(spread, self.deviation)))
+    def square(self, numbers: LearnedViews) -> float:
+        """The squared Mahalanobis distance of the truth."""
+        return float(self.deviation @ np.linalg.solve(self.spread(numbers), self.deviation))
 
 
 @dataclass(frozen=True)
@@ -177,11 +176,16 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
         'displacement': round(displacement, 2),
         'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
         'support_slope': round(float(slopes[0]), 2), 'beyond_slope': round(float(slopes[1]), 2)})
-    levels = np.array([each.level(learned) for each in deviations])
+    squares = [each.square(learned) for each in deviations]
+    dimensions = [len(each.deviation) for each in deviations]
+    degrees = fitted_degrees_of_freedom(squares, dimensions)
+    learned = learned.model_copy(update={'degrees_of_freedom': degrees})
+    levels = credible_level(squares, dimensions, degrees)
     report(f'displacement of contours: {displacement:.2f} px')
     report(f'model error: {learned.error_share:.2f} of its variance, worth '
            f'{learned.error_views:.1f} views; disagreement {learned.disagreement:.3f}')
-    for level in (0.5, LEVEL):
+    report(f"degrees of freedom of Student's t: {degrees:g}")
+    for level in (0.5, COMMON):
         report(f'truths in the {100 * level:.0f} % region: {100 * (levels <= level).mean():.0f} % '
                f'of {len(levels)}')
     return learned
@@ -244,8 +248,9 @@ def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:
                     options={'xatol': 0.01, 'fatol': 0.01}).x
 
     def excess(scale: float) -> float:
-        levels = [each.level(numbers(best, scale)) for each in given]
-        return float(np.quantile(levels, LEVEL)) - LEVEL
+        levels = credible_level([each.square(numbers(best, scale)) for each in given],
+                                [len(each.deviation) for each in given], math.inf)
+        return float(np.quantile(levels, COMMON)) - COMMON
 
     if excess(_LEAST) < 0 or excess(_MOST) > 0:
         raise LocalizationError(f'{len(given)} poses do not bound the model error of several '

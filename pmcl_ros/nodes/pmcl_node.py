@@ -303,6 +303,8 @@ class PmclNode(StageNode):
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
             values |= {'support': estimate.support, 'evidence': estimate.evidence,
                        'weight': first, 'weight of the runner-up': second}
+        if np.isfinite(estimate.degrees_of_freedom):
+            values['degrees of freedom'] = estimate.degrees_of_freedom
         if np.isfinite(estimate.disagreement):
             values |= {'disagreement': estimate.disagreement,
                        'evidence beyond': estimate.beyond,

@@ -34,6 +34,8 @@ class PoseEstimate:
     pose: (4, 4) float64, object to camera, metres.
     covariance: (6, 6) float64, x, y, z [m^2], then rotations about the fixed axes of the camera's
         frame [rad^2]; a free axis of symmetry has variance pi^2 / 3.
+    degrees_of_freedom: of the Student's t of the errors, whose 90 % region is that of the Gaussian
+        with this covariance (`geometry/student_t.py`); inf: the Gaussian.
     particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
     score: of the pose: evidence [nat] in the mode default, mean likelihood in the mode faithful.
     lost: the data support no pose.
@@ -77,6 +79,7 @@ class PoseEstimate:
     beyond: float = math.nan
     hidden: tuple[int, ...] = ()
     evidence_of: str = ''
+    degrees_of_freedom: float = math.inf
 
     @property
     def quaternion(self) -> NDArray[np.float64]:
@@ -92,8 +95,10 @@ class PoseEstimate:
         """The fields of the command line's JSON (architecture, "The command line")."""
         return {'position': self.pose[:3, 3].tolist(),
                 'orientation_xyzw': self.quaternion.tolist(),
-                'covariance': self.covariance.ravel().tolist(), 'score': self.score,
-                'lost': self.lost,
+                'covariance': self.covariance.ravel().tolist(),
+                **({'degrees_of_freedom': self.degrees_of_freedom}
+                   if math.isfinite(self.degrees_of_freedom) else {}),
+                'score': self.score, 'lost': self.lost,
                 **({'hidden_views': list(self.hidden)} if self.hidden else {}),
                 **({'evidence_of': self.evidence_of} if self.evidence_of else {}),
                 'modes': [{'position': each.pose[:3, 3].tolist(),

@@ -1,5 +1,6 @@
 """Posterior -> PoseEstimate: the result of a search."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +13,8 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.student_t import tail_factors
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import MODE_EXTENT
@@ -67,13 +70,13 @@ class Estimator:
                        local_model_at: LocalModelAt, contour: Contour, least: Thresholds,
                        rng: np.random.Generator,
                        share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0,
-                       flat: bool = False) -> PoseEstimate:
+                       flat: bool = False, degrees_of_freedom: float = math.inf) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
         views: cameras, of which the one that sees most of the object counts. local_model_at: as of
         `ContourPosterior`. contour: the points of a pose's contour that count; share: their share
         of it. flat: the prior is uniform. The pose is then the mode's where the mean of the
-        posterior is much less likely.
+        posterior is much less likely. degrees_of_freedom: of the Student's t of the errors.
         """
         symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
@@ -104,13 +107,19 @@ class Estimator:
         # another pose is too likely.
         partly, absent = support < least.support, evidence < least.evidence
         ambiguous = bool(shares[order[0]] < least.weight)
-        return PoseEstimate(header, pose, spread,
-                            symmetry.nearest_equivalents(retract(poses, off), pose),
+        particles = symmetry.nearest_equivalents(retract(poses, off), pose)
+        if math.isfinite(degrees_of_freedom):
+            centers = np.stack([each.pose for each in posterior.modes])
+            centers[order[0]] = pose
+            particles = _with_tails(particles, centers, posterior.own, symmetry,
+                                    degrees_of_freedom, rng)
+        return PoseEstimate(header, pose, spread, particles,
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent or ambiguous, self.settings.mode, modes, support,
                             evidence, incomplete=partly and not (absent or ambiguous),
                             in_view=in_view, least_support=least.support,
-                            least_evidence=least.evidence, least_weight=least.weight)
+                            least_evidence=least.evidence, least_weight=least.weight,
+                            degrees_of_freedom=degrees_of_freedom)
 
     def from_prior(self, header: Header, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:
@@ -157,3 +166,22 @@ class Estimator:
             alone = replace(self.orientation, axes=self.orientation.axes[:1])
             inside &= alone.allows(poses[:, :3, :3])
         return symmetry.canonical(poses[inside] if inside.any() else poses)
+
+
+def _with_tails(particles: NDArray[np.float64], centers: NDArray[np.float64],
+                own: NDArray[np.int64], symmetry: Symmetry, degrees_of_freedom: float,
+                rng: np.random.Generator) -> NDArray[np.float64]:
+    """Particles (n, 4, 4) of Gaussians about centers (k, 4, 4), as those of a Student's t.
+
+    own: (n,) the center of each.
+    """
+    dimensions = symmetry.tangent_basis(centers[0]).shape[1]
+    factors = tail_factors(len(particles), dimensions, degrees_of_freedom, rng)
+    made = particles.copy()
+    for number in np.unique(own):
+        ours = own == number
+        near = symmetry.nearest_equivalents(particles[ours], centers[number])
+        # As `retract` moves them, so that the spin about an axis of symmetry stays.
+        more = (factors[ours, None] - 1) * symmetry.local(near, centers[number])
+        made[ours] = retract(particles[ours], more)
+    return made

@@ -190,7 +190,8 @@ class Localizer(Closing):
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], sample,
                 search.posterior.local_model_at, exact.points,
-                self._least(edges, evidence, second), rng, flat=True)
+                self._least(edges, evidence, second), rng, flat=True,
+                degrees_of_freedom=evidence.error.degrees_of_freedom)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -230,7 +231,8 @@ class Localizer(Closing):
                                mode=FOLLOWED)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
-                exact.points, self._least(edges, evidence), rng)
+                exact.points, self._least(edges, evidence), rng,
+                degrees_of_freedom=evidence.error.degrees_of_freedom)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -286,7 +288,8 @@ class Localizer(Closing):
                 edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
                 contour, self._least(edges, evidence), rng,
                 lambda each: float(contour(each).lengths.sum()
-                                   / max(exact.points(each).lengths.sum(), 1e-9)))
+                                   / max(exact.points(each).lengths.sum(), 1e-9)),
+                degrees_of_freedom=evidence.error.degrees_of_freedom)
             return replace(estimate, evaluations=exact.evaluations)
 
 

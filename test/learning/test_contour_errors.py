@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
-from pmcl_ros.learning.contour_errors import LEVEL, Deviation, fitted_error, fitted_offset
+from pmcl_ros.geometry.student_t import COMMON, credible_level
+from pmcl_ros.learning.contour_errors import (
+    Deviation,
+    fitted_degrees_of_freedom,
+    fitted_error,
+    fitted_offset,
+)
 from pmcl_ros.runtime.errors import LocalizationError
 
 COUNT = 400
@@ -40,23 +45,37 @@ def test_where_contours_are_found_is_recovered(offset):
     assert fitted_offset(drawn(0.2, 0.4, offset=offset)) == pytest.approx(offset, abs=0.03)
 
 
-def test_with_long_tails_the_regions_hold_as_many_as_they_say():
-    found = drawn(0.2, 0.4, tails=4)
+@pytest.mark.parametrize('tails', [3.0, 6.0])
+def test_with_long_tails_the_regions_hold_as_many_as_they_say(tails):
+    def squares(given):
+        return [each.square(error.common, error.local) for each in given]
+
+    found = drawn(0.2, 0.4, tails=tails)
     error = fitted_error(found)
-    levels = np.array([each.level(error.common, error.local) for each in found])
-    assert (levels <= LEVEL).mean() == pytest.approx(LEVEL, abs=0.01)
+    levels = credible_level(squares(found), 5, np.inf)
+    assert (levels <= COMMON).mean() == pytest.approx(COMMON, abs=0.01)
     assert error.common > 0.2
-    fresh = drawn(0.2, 0.4, seed=1, tails=4)
-    levels = np.array([each.level(error.common, error.local) for each in fresh])
-    assert (levels <= LEVEL).mean() == pytest.approx(LEVEL, abs=0.05)
+    degrees = fitted_degrees_of_freedom(squares(found), [5] * COUNT)
+    assert degrees == pytest.approx(tails, rel=0.3)
+    fresh = squares(drawn(0.2, 0.4, seed=1, tails=tails))
+    levels = credible_level(fresh, 5, degrees)
+    for level in (0.25, 0.5, 0.75, COMMON):
+        assert (levels <= level).mean() == pytest.approx(level, abs=0.06)
+    assert (credible_level(fresh, 5, np.inf) <= 0.5).mean() > 0.55
 
 
-def test_a_level_is_that_of_the_ellipsoid():
+def test_gaussian_errors_have_no_tails():
+    found = drawn(0.2, 0.4)
+    squares = [each.square(0.2, 0.4) for each in found]
+    assert fitted_degrees_of_freedom(squares, [5] * COUNT) > 30
+
+
+def test_a_distance_is_in_standard_deviations():
     noise = np.diag([1.0, 4, 9, 16, 25])
     off = Deviation(np.sqrt(np.diag(noise)), noise, np.eye(5), np.eye(5), np.zeros(5))
-    assert off.level(0, 0) == pytest.approx(chi2.cdf(5, 5))
-    assert off.level(1, 0) == pytest.approx(off.level(0, 1))
-    assert off.level(1, 0) < off.level(0, 0)
+    assert off.square(0, 0) == pytest.approx(5)
+    assert off.square(1, 0) == pytest.approx(off.square(0, 1))
+    assert off.square(1, 0) < off.square(0, 0)
 
 
 def test_nothing_is_learned_from_nothing():

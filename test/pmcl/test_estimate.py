@@ -30,6 +30,7 @@ def test_the_dictionary_is_what_the_command_line_promises():
     assert said['modes'] == [{'position': [0.1, -0.02, 0.5], 'weight': 0.75, 'score': 12.0,
                               'orientation_xyzw': said['orientation_xyzw']}]
     assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
+    assert replace(make(), degrees_of_freedom=4.0).as_dict()['degrees_of_freedom'] == 4
 
 
 @pytest.mark.parametrize(('numbers', 'word', 'why'), [

@@ -166,7 +166,8 @@ def _truth(run: Localization) -> list[Fact]:
         return [Fact('error', 'truth', 'the object is not there')]
     error = pose_error(run.estimate.pose, run.truth.pose, run.model.symmetry)
     level = run.model.symmetry.credible_level(run.truth.pose, run.estimate.pose,
-                                              run.estimate.covariance)
+                                              run.estimate.covariance,
+                                              run.estimate.degrees_of_freedom)
     return [Fact('error', 'off the truth by', f'{1e3 * error.translation:.1f} mm, '
                  f'{np.rad2deg(error.rotation):.1f}°',
                  f'{1e3 * error.ray:+.1f} mm along the line of sight'),

@@ -234,7 +234,9 @@ class MultiViewLocalizer(Closing):
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng,
-            posterior.contours.share)
+            posterior.contours.share,
+            degrees_of_freedom=(joint.views[0].edges.model_error if posterior.numbers is None
+                                else posterior.numbers).degrees_of_freedom)
         return replace(estimate, disagreement=apart, beyond=beyond)
 
     def _posterior(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:

@@ -287,6 +287,20 @@ def test_beyond_a_smaller_object_the_larger_one_shows(context):
     assert other.lost
 
 
+@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
+def test_particles_have_the_tails_that_were_learned(context, model):
+    truth, cameras = truth_of(model), around([-25, 0, 25])
+    evidence = maps_seen(context, model, truth, cameras, CAMERA)
+    estimate = found(model, evidence, particles=2000)
+    assert estimate.degrees_of_freedom == learned_views().degrees_of_freedom < 30
+    ours = model.symmetry.same_mode(estimate.particles, estimate.pose, 0.02, 0.4)
+    levels = [model.symmetry.credible_level(each, estimate.pose, estimate.covariance,
+                                            estimate.degrees_of_freedom)
+              for each in estimate.particles[ours]]
+    for level in (0.25, 0.5, 0.75, 0.9):
+        assert np.mean(np.array(levels) <= level) == pytest.approx(level, abs=0.05)
+
+
 def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     """In view 1 it is elsewhere: it has moved, or what is seen there stands before it."""
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
