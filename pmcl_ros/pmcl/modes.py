@@ -19,17 +19,23 @@ SAME_PROPOSAL = 0.012, 0.2
 SAME_CANDIDATE = 0.005, 0.1
 
 
-def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: int) -> list[int]:
+def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: int,
+                        limits: tuple[float, float] = SAME_MODE) -> list[int]:
     """Non-maximum suppression: which of poses (n, 4, 4), best first, to keep; `count` at most.
 
-    A pose is dropped when it is of the mode of one that is kept.
+    A pose is dropped when it, or an equivalent one, is within `limits` [m, rad] of one kept.
     """
+    places = poses[:, :3, 3]
+    # Farther apart than this, a cheap test says that poses differ: equivalents move the origin.
+    reach = limits[0] + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
+    free = np.ones(len(poses), bool)
     kept: list[int] = []
-    for k, pose in enumerate(poses):
-        if not symmetry.same_mode(poses[kept], pose, *SAME_MODE).any():
-            kept.append(k)
-        if len(kept) == count:
-            break
+    while len(kept) < count and free.any():
+        best = int(free.argmax())
+        kept.append(best)
+        near = np.flatnonzero(free & (np.linalg.norm(places - places[best], axis=1) < reach))
+        free[near] = ~symmetry.same_mode(poses[near], poses[best], *limits)
+        free[best] = False
     return kept
 
 

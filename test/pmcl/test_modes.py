@@ -34,6 +34,19 @@ def test_of_each_mode_the_best_is_kept():
     assert suppress_duplicates(members[:0], NONE, 4) == []
 
 
+def test_duplicates_are_found_whatever_a_symmetry_off_the_origin_does_to_the_place():
+    off = UPSIDE_DOWN.copy()
+    off[:3, 3] = 0, 0.1, 0.06  # half a turn about an axis beside the origin
+    symmetry = Symmetry(None, np.stack([np.eye(4), off]))
+    rng = np.random.default_rng(1)
+    poses = random_poses(4, 2)
+    poses[:, 0, 3] = 0.4 * np.arange(4)
+    same = np.concatenate([around(pose, 5, 0.002, 0.02, rng) for pose in poses @ off])
+    assert np.linalg.norm(same[:5, :3, 3] - poses[0, :3, 3], axis=1).min() > 0.1
+    assert suppress_duplicates(np.concatenate([poses, same]), symmetry, 30) == list(range(4))
+    assert suppress_duplicates(np.concatenate([poses, same]), NONE, 5) == list(range(5))
+
+
 def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
     pose = random_poses(1, 3)[0]
     spun = pose.copy()

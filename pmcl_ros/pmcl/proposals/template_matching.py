@@ -12,14 +12,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import pose_of
-from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import SAME_PROPOSAL
+from pmcl_ros.pmcl.modes import SAME_PROPOSAL, suppress_duplicates
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
@@ -123,7 +121,7 @@ class Proposals:
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
         if orientation is not None:
             poses[:, :3, :3] = orientation.clip(poses[:, :3, :3])
-        kept = _suppress_duplicates(poses, count, self._symmetry)
+        kept = suppress_duplicates(poses, self._symmetry, count, SAME_PROPOSAL)
         return poses[kept], best.scores[kept]
 
     def _at_depth(self, pinhole: Pinhole, origins: Origins, maps: LaidMaps,
@@ -271,20 +269,3 @@ def _towards(pinhole: Pinhole, pixels: NDArray[np.float64]) -> Rotation:
 def _middle(cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """(n, 2) pixel in the middle of each of cells (n, 2)."""
     return np.asarray(cells * CELL + (CELL - 1) / 2)
-
-
-def _suppress_duplicates(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:
-    """Non-maximum suppression: indices of poses to keep, best first, `count` at most."""
-    free = np.ones(len(poses), bool)
-    kept: list[int] = []
-    # The origin of equivalent poses is at most so far off.
-    reach = SAME_PROPOSAL[0] + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
-    tree = cKDTree(poses[:, :3, 3])
-    while len(kept) < count and free.any():
-        best = int(free.argmax())
-        kept.append(best)
-        near = np.array(tree.query_ball_point(poses[best, :3, 3], reach))
-        near = near[free[near]]
-        free[near] = ~symmetry.same_mode(poses[near], poses[best], *SAME_PROPOSAL)
-        free[best] = False
-    return kept
