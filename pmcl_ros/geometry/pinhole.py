@@ -49,6 +49,12 @@ class Pinhole:
         return np.stack([self.fx * points[..., 0] / z + self.cx,
                          self.fy * points[..., 1] / z + self.cy], axis=-1)
 
+    def rays(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(..., 3) the points at depth 1 in the optical frame that pixels (..., 2) show."""
+        x, y = np.moveaxis(pixels, -1, 0)
+        return np.stack([(x - self.cx) / self.fx, (y - self.cy) / self.fy, np.ones_like(x)],
+                        axis=-1)
+
     def crop(self, left: int, top: int, width: int, height: int) -> 'Pinhole':
         """The same camera seen through a window of its image."""
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)

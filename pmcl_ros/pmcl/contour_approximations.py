@@ -96,8 +96,8 @@ class RigidContour:
         chosen = np.unique(np.minimum(np.searchsorted(reached, wanted), len(reached) - 1))
         pixels, depths = contour.pixels[chosen], contour.depths[chosen]
         tips = pixels + contour.normals[chosen]
-        return cls(pose, _placed(pixels, depths, pinhole), _placed(tips, depths, pinhole),
-                   np.full(len(chosen), total / max(len(chosen), 1)))
+        points, tips = (depths[:, None] * pinhole.rays(each) for each in (pixels, tips))
+        return cls(pose, points, tips, np.full(len(chosen), total / max(len(chosen), 1)))
 
     def evidence(self, poses: NDArray[np.float64], edges: EvidenceVolume, profile: ContourProfile
                  ) -> NDArray[np.float64]:
@@ -136,10 +136,3 @@ def shrunk(edges: EdgeVolume, scale: int) -> EdgeVolume:
     tensor /= scale ** 2
     pinhole = edges.pinhole.crop(0, 0, columns * scale, rows * scale).resized(columns, rows)
     return EdgeVolume(edges.header, tensor, edges.depths, pinhole)
-
-
-def _placed(pixels: NDArray[np.float64], depths: NDArray[np.float64], pinhole: Pinhole
-            ) -> NDArray[np.float64]:
-    x = (pixels[:, 0] - pinhole.cx) / pinhole.fx
-    y = (pixels[:, 1] - pinhole.cy) / pinhole.fy
-    return depths[:, None] * np.stack([x, y, np.ones_like(x)], axis=-1)

@@ -233,7 +233,4 @@ def _joined(views: Sequence[ViewTerms]) -> _Joined:
 
 def _places(points: ContourPoints, pinhole: Pinhole) -> NDArray[np.float64]:
     """(n, 3) a contour's points in the camera's frame [m]."""
-    x, y = points.pixels.T
-    z = points.depths
-    return np.stack([(x - pinhole.cx) / pinhole.fx * z, (y - pinhole.cy) / pinhole.fy * z, z],
-                    axis=-1)
+    return pinhole.rays(points.pixels) * points.depths[:, None]

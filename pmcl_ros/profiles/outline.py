@@ -44,9 +44,8 @@ class BoxedView:
     def sight(self) -> NDArray[np.float64]:
         """(3,) unit vector from the camera through the middle of the box."""
         left, top, width, height = self.box
-        of = self.pinhole
-        ray = self.camera[:3, :3] @ [(left + width / 2 - of.cx) / of.fx,
-                                     (top + height / 2 - of.cy) / of.fy, 1]
+        middle = np.array([left + width / 2, top + height / 2])
+        ray = self.camera[:3, :3] @ self.pinhole.rays(middle)
         return np.asarray(ray / np.linalg.norm(ray))
 
     def sides(self, up: NDArray[np.float64]) -> tuple[float, float]:

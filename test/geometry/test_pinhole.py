@@ -30,6 +30,12 @@ def test_project_is_the_matrix(point):
     np.testing.assert_allclose(PINHOLE.project(point), [x / w, y / w], atol=1e-9)
 
 
+@settings(deadline=None)
+@given(POINTS)
+def test_the_ray_of_a_point_s_pixel_leads_to_it(point):
+    np.testing.assert_allclose(point[2] * PINHOLE.rays(PINHOLE.project(point)), point, atol=1e-9)
+
+
 @pytest.mark.parametrize('z', [0, -1, np.nan])
 def test_what_is_not_in_front_has_no_pixel(z):
     found = PINHOLE.project(np.array([[[0.1, 0.2, z], [0.1, 0.2, 1]]]))

@@ -70,10 +70,9 @@ class SurfaceDepth:
         middle = float(np.median(off[ours]))
         if np.median(np.abs(off[ours] - middle)) > _AGREEING:
             return None
-        rows, columns = (each[ours].mean() for each in np.nonzero(shown))
+        row, column = (each[ours].mean() for each in np.nonzero(shown))
         z = float(depth[shown][ours].mean())
-        point = z * np.array([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy,
-                              1])
+        point = z * camera.rays(np.array([column, row]))
         sight = point / np.linalg.norm(point)
         metres = label * z ** 2 / float(sight[2])  # of a label
         direction = np.concatenate([sight, np.cross(point - pose[:3, 3], sight)])

@@ -223,9 +223,8 @@ def _places(pinhole: Pinhole, camera: NDArray[np.float64], near: float, far: flo
     """(n, 3) places all over a camera's view where the object's origin may be."""
     across, down = (np.linspace(-0.5, count - 0.5, _RAYS)
                     for count in (pinhole.width, pinhole.height))
-    u, v = (each.ravel() for each in np.meshgrid(across, down))
-    rays = np.stack([(u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy,
-                     np.ones_like(u)], axis=1) @ camera[:3, :3].T
+    pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = pinhole.rays(pixels) @ camera[:3, :3].T
     begin, end = np.full(len(rays), near), np.full(len(rays), far)
     if any(table):
         up = np.array(table[3:]) / np.linalg.norm(table[3:])

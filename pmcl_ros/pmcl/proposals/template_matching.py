@@ -248,20 +248,13 @@ def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.flo
     They are seen along that line of sight as the template of `rotations` (n, 3, 3), turned by
     `turns` (n,) [rad], is from ahead.
     """
-    rays, towards = _rays(pinhole, pixels), _towards(pinhole, pixels)
     turned = Rotation.from_rotvec(turns[:, None] * [0, 0, 1.0]) * Rotation.from_matrix(rotations)
-    return pose_of(towards * turned, rays * depths[:, None])
-
-
-def _rays(pinhole: Pinhole, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) to pixels (n, 2), at depth 1."""
-    return np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
-                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=-1)
+    return pose_of(_towards(pinhole, pixels) * turned, pinhole.rays(pixels) * depths[:, None])
 
 
 def _towards(pinhole: Pinhole, pixels: NDArray[np.float64]) -> Rotation:
     """The smallest rotations from straight ahead to the lines of sight of pixels (n, 2)."""
-    tangent = np.cross([0, 0, 1.0], _rays(pinhole, pixels))
+    tangent = np.cross([0, 0, 1.0], pinhole.rays(pixels))
     sine = np.linalg.norm(tangent, axis=1, keepdims=True)
     return Rotation.from_rotvec(tangent / np.maximum(sine, 1e-12) * np.arctan(sine))
 
