@@ -34,8 +34,8 @@ class Faces:
         low, high = corners.min(axis=1), corners.max(axis=1)
         levels: list[NDArray[np.float64]] = []
         while not levels or len(low) > 1:
-            each = np.arange(0, len(low), _FEW)
-            low, high = np.minimum.reduceat(low, each), np.maximum.reduceat(high, each)
+            first = np.arange(0, len(low), _FEW)
+            low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
             levels.append(np.stack([low, high], axis=1))
         starts = np.cumsum([0, *map(len, levels)])
         return cls(corners, np.concatenate(levels), np.asarray(starts, np.int64))

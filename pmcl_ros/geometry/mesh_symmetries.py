@@ -113,7 +113,7 @@ def _unique_lines(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     units = directions[lengths > 0] / lengths[lengths > 0, None]
     free, kept = np.ones(len(units), bool), []
     while free.any():
-        each = units[int(free.argmax())]
-        kept.append(each)
-        free &= np.abs(units @ each) < _ONE_LINE
+        unit = units[int(free.argmax())]
+        kept.append(unit)
+        free &= np.abs(units @ unit) < _ONE_LINE
     return np.array(kept).reshape(-1, 3)

@@ -82,33 +82,33 @@ class Samples:
                        np.tile(self.shares, 2) / 2)
 
 
-def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
+def profiles(example: Example, renderer: Renderer, rng: np.random.Generator,
              of_creases: bool = False) -> list[Samples]:
     """Samples of one scene, at the true pose and at wrong ones (random, and near misses).
 
     Empty where the image shows no contour of the object. of_creases: samples across its creases
     instead, and their mirror images; empty where no crease is visible.
     """
-    if not each.there:
+    if not example.there:
         return []
     profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
-    wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
-        np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
-    creases = Creases.from_model(each.model, profile) if of_creases else None
+    wrong = np.concatenate([uniform_poses(example.region, _POSES // 2, rng), perturb(
+        np.tile(example.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
+    creases = Creases.from_model(example.model, profile) if of_creases else None
     if of_creases and creases is None:
         return []
-    with renderer.contour_score(each.scene, each.edges, profile, creases=creases) as score:
+    with renderer.contour_score(example.scene, example.edges, profile, creases=creases) as score:
         def points_of(pose: NDArray[np.float64]) -> ContourPoints:
             seen = score.creases(pose)
             return score.points(pose) if seen is None else seen.points
 
-        points = points_of(each.pose)
+        points = points_of(example.pose)
         others = np.concatenate([points_of(pose).energies for pose in wrong])
     if not len(points.lengths):
         return []
     chosen = rng.permutation(len(points.lengths))[:_POINTS]
     others = others[rng.permutation(len(others))[:_POINTS * _POSES]]
-    shifted = energies_across(each.edges, points.pixels[chosen], points.normals[chosen],
+    shifted = energies_across(example.edges, points.pixels[chosen], points.normals[chosen],
                               points.depths[chosen], np.add.outer(SHIFTS, OFFSETS).ravel())
     count = len(chosen)
     found = Samples(np.concatenate([points.energies[chosen], others]),
@@ -157,5 +157,5 @@ def crease_profile(given: Sequence[Samples]) -> ContourProfile:
 
 def _hats(energies: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., j * knots) interpolation weights of the tables at energies (..., j)."""
-    each = np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=-1)
-    return each.reshape(*energies.shape[:-1], energies.shape[-1] * len(KNOTS))
+    hats = np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=-1)
+    return hats.reshape(*energies.shape[:-1], energies.shape[-1] * len(KNOTS))

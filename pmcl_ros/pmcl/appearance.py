@@ -95,9 +95,9 @@ class Appearance(Settings):
                              'colour or texture, transparent ones absorption')
         if self.colour is not None and self.texture is not None:
             raise ValueError('give colour or texture, not both')
-        told = [name for name in _THICKNESS if getattr(self, name)]
-        if len(told) > 1:
-            raise ValueError(f'give one of {", ".join(_THICKNESS)}, not {" and ".join(told)}')
+        given = [name for name in _THICKNESS if getattr(self, name)]
+        if len(given) > 1:
+            raise ValueError(f'give one of {", ".join(_THICKNESS)}, not {" and ".join(given)}')
         hollow = {'mouth': self.mouth, 'floor': self.floor, 'liquid': self.liquid}
         needless = [name for name, value in hollow.items() if value is not None]
         if needless and not (self.wall or self.inner):

@@ -135,8 +135,8 @@ class LocalModel:
 
     def motion(self, step: NDArray[np.float64]) -> float:
         """How far a tangent vector (6,) moves the contour, rms along it [px]."""
-        each = self.basis.T @ step
-        return float(np.sqrt(each @ self.moments @ each))
+        tangent = self.basis.T @ step
+        return float(np.sqrt(tangent @ self.moments @ tangent))
 
 
 @dataclass(frozen=True)

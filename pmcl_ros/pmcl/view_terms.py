@@ -89,9 +89,9 @@ class ViewTerms:
     """What one view adds to a local model: sums over its contour, and (m, d) of its points.
 
     d: dimensions of the pose's tangent space, and one more where contours can be displaced.
-    each: of the gradient; curved: of the information, before the motion. places: (m, 3) [m] and
-    directions: (m, 3) of the points and their normals, in the frame of the pose. scale: (m,)
-    px / m at the points. sight: (3,) unit, from the camera to the object.
+    gradients: what each point adds to the gradient; curved: to the information, before the motion.
+    places: (m, 3) [m] and directions: (m, 3) of the points and their normals, in the frame of the
+    pose. scale: (m,) px / m at the points. sight: (3,) unit, from the camera to the object.
     """
 
     evidence: float
@@ -99,7 +99,7 @@ class ViewTerms:
     gradient: NDArray[np.float64]
     information: NDArray[np.float64]
     moments: NDArray[np.float64]
-    each: NDArray[np.float64]
+    gradients: NDArray[np.float64]
     curved: NDArray[np.float64]
     points: ContourPoints
     places: NDArray[np.float64]
@@ -138,11 +138,11 @@ class ViewTerms:
         else:
             curvature = np.full((len(slope), 1), view.curvature * LEAST_CURVATURE)
             slope = np.zeros(len(slope))
-        each, curved = weight * slope[:, None] * motion, weight * curvature * motion
+        gradients, curved = weight * slope[:, None] * motion, weight * curvature * motion
         normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
         focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)
-        return cls(float(points.lengths @ here) + points.covered, length, each.sum(axis=0),
-                   motion.T @ curved, motion.T @ (weight * motion), each, curved, points,
+        return cls(float(points.lengths @ here) + points.covered, length, gradients.sum(axis=0),
+                   motion.T @ curved, motion.T @ (weight * motion), gradients, curved, points,
                    _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
                    focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
 
@@ -150,7 +150,7 @@ class ViewTerms:
         """With gradient and curvature multiplied by a matrix (k, d); k first dimensions remain."""
         return replace(self, gradient=by @ self.gradient,
                        information=(by @ self.information)[:, :len(by)],
-                       moments=by @ self.moments @ by.T, each=self.each @ by.T,
+                       moments=by @ self.moments @ by.T, gradients=self.gradients @ by.T,
                        curved=self.curved @ by.T)
 
     def stretches(self) -> 'ViewTerms':
@@ -160,22 +160,24 @@ class ViewTerms:
         first = np.flatnonzero(np.concatenate([[True], new]))
         weight = self.points.lengths[:, None]
         total = np.add.reduceat(weight, first)
-        each, curved = (np.add.reduceat(values, first) for values in (self.each, self.curved))
+        gradients, curved = (np.add.reduceat(values, first)
+                             for values in (self.gradients, self.curved))
         pixels, places, scale = (np.add.reduceat(weight * values, first) / total for values in (
             self.points.pixels, self.places, self.scale[:, None]))
         directions = np.add.reduceat(weight * self.directions, first)
         directions = directions / np.maximum(
             np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-        return replace(self, each=each, curved=curved, places=places, directions=directions,
-                       scale=scale[:, 0], points=replace(self.points, pixels=pixels))
+        return replace(self, gradients=gradients, curved=curved, places=places,
+                       directions=directions, scale=scale[:, 0],
+                       points=replace(self.points, pixels=pixels))
 
 
 def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(d, d) sums over all pairs of stretches: of `each`, of `curved`.
+    """(d, d) sums over all pairs of stretches: of `gradients`, of `curved`.
 
-    Those of `each` have the share of noise that is common to both, which falls to 0 at `REACH`;
-    those of `curved` the covariance of their displacements by the model error.
+    Those of `gradients` have the share of noise that is common to both, which falls to 0 at
+    `REACH`; those of `curved` the covariance of their displacements by the model error.
     """
     together = displaced = np.zeros(())
     for k, one in enumerate(views):  # with those that follow: arrays of all pairs take 20 MB each
@@ -184,10 +186,11 @@ def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
                                       else pairs([one], rest, error))
         noise = np.where(same_side, np.clip(1 - distance / REACH, 0, None), 0)
         moved = error.covariance(distance, same_side)
-        alike = alike * np.repeat([0.5, 1], [len(one.each), distance.shape[1] - len(one.each)])
-        each, curved = (np.concatenate(values) for values in zip(
-            *((other.each, other.curved) for other in rest), strict=True))
-        together = together + one.each.T @ ((alike * noise) @ each)
+        count, total = distance.shape
+        alike = alike * np.repeat([0.5, 1], [count, total - count])  # its own pairs come twice
+        gradients = np.concatenate([other.gradients for other in rest])
+        curved = np.concatenate([other.curved for other in rest])
+        together = together + one.gradients.T @ ((alike * noise) @ gradients)
         displaced = displaced + one.curved.T @ ((alike * moved) @ curved)
     return together + together.T, displaced + displaced.T
 

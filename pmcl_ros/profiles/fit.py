@@ -52,19 +52,19 @@ def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: 
     """
     free = np.ones(len(surface.radii) + ENDS + AXIS, bool)
     free[len(surface.radii) + 2] = with_edge
-    at = normal_equations(surface, maps, reach)
+    seen = normal_equations(surface, maps, reach)
     prior = _prior(surface, height)
     damping = 0.0
     for _ in range(steps):
-        information = at.information + prior.information
+        information = seen.information + prior.information
         damped = information + damping * np.diag(np.diag(information))
         step = np.zeros(len(free))
         step[free] = np.linalg.solve(damped[np.ix_(free, free)],
-                                     (at.gradient + prior.gradient)[free])
+                                     (seen.gradient + prior.gradient)[free])
         tried = surface.moved(step, _LEAST)
-        there, known = normal_equations(tried, maps, reach), _prior(tried, height)
-        if there.scaled + known.evidence > at.scaled + prior.evidence:
-            surface, at, prior, damping = tried, there, known, damping / 10
+        tried_seen, tried_prior = normal_equations(tried, maps, reach), _prior(tried, height)
+        if tried_seen.scaled + tried_prior.evidence > seen.scaled + prior.evidence:
+            surface, seen, prior, damping = tried, tried_seen, tried_prior, damping / 10
         else:
             damping = max(10 * damping, 0.01)
     return surface
@@ -99,13 +99,13 @@ def normal_equations(surface: Revolution, maps: Sequence[PosedMap], reach: float
     return Normal(information, gradient, evidence, length)
 
 
-def _offsets(contour: RevolutionContour, of: PosedMap, reach: float
+def _offsets(contour: RevolutionContour, view: PosedMap, reach: float
              ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Of each point: evidence there [nat / px], mean [px] and variance [px^2] of its offset."""
     shifts = np.arange(-2 * reach, 2 * reach + _STEP / 2, _STEP)
-    profile = of.evidence.profile
+    profile = view.evidence.profile
     inwards = _INWARDS + float(profile.offsets[0])  # by its own offset the profile reads aside
-    table = evidence_across(of.evidence, contour.pixels - inwards * contour.normals,
+    table = evidence_across(view.evidence, contour.pixels - inwards * contour.normals,
                             contour.normals, contour.depths, profile, shifts)
     logs = _STRETCH * table - shifts ** 2 / (2 * reach ** 2)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))

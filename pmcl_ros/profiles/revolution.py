@@ -113,10 +113,10 @@ class Revolution:
         Of its control polygon [rad, rad / m]. That they change with the height too is neglected.
         """
         steps = np.diff(_greville(self.breaks)) * (self.high - self.low)
-        by = np.diff(np.eye(len(self.radii)), axis=0) / steps[:, None]
-        slopes = by @ self.radii
+        per_radius = np.diff(np.eye(len(self.radii)), axis=0) / steps[:, None]
+        slopes = per_radius @ self.radii
         return (np.diff(np.arctan(slopes)),
-                np.diff(by / (1 + slopes ** 2)[:, None], axis=0))
+                np.diff(per_radius / (1 + slopes ** 2)[:, None], axis=0))
 
     def _curve(self, with_edges: bool = True) -> '_Curve':
         """The wall, from the bottom up."""
@@ -145,16 +145,16 @@ class Revolution:
         spline = _spline(self.breaks)
         basis, slopes = spline(t), spline.derivative()(t)
         radii, slope = basis @ self.radii, slopes @ self.radii / rise
-        by = np.zeros((len(t), ENDS))
-        by[:, 0], by[:, 1] = -slope * (1 - t), -slope * t  # as nz = -slope nr
+        by_ends = np.zeros((len(t), ENDS))
+        by_ends[:, 0], by_ends[:, 1] = -slope * (1 - t), -slope * t  # as nz = -slope nr
         for end, on in ((0, tilt > 0), (1, tilt < 0)):
             sine, cosine = abs(np.sin(tilt[on])), np.cos(tilt[on])
             radii[on] -= self.edges[end] * (1 - cosine)
             # Its height stays where its end moves, and its depth changes with its radius.
-            by[on, end] -= np.tan(tilt[on])
-            by[on, 2 + end] = (1 - sine) / cosine - 1
+            by_ends[on, end] -= np.tan(tilt[on])
+            by_ends[on, 2 + end] = (1 - sine) / cosine - 1
         slope = slope + np.tan(tilt)
-        return _Curve(np.stack([radii, self.low + t * rise], axis=1), -slope, basis, by)
+        return _Curve(np.stack([radii, self.low + t * rise], axis=1), -slope, basis, by_ends)
 
     def _edge(self, end: int, angles: NDArray[np.float64], aside: float, height: float
               ) -> '_Strip':
@@ -216,7 +216,7 @@ class Revolution:
         strips += [self._edge(end, turn, aside, height) for end in (0, 1)]
         wall = self.wall
         seen = [each.seen(pinhole, inverse(into), azimuth) for each in strips]
-        return _joined([_unhidden(each, wall, into[:3, 3], self.on_foot) for each in seen])
+        return _joined([_unhidden(*each, wall, into[:3, 3], self.on_foot) for each in seen])
 
 
 @dataclass(frozen=True)
@@ -287,14 +287,14 @@ def _filled(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.f
     return np.append(np.repeat(t[:-1], pieces) + part * np.repeat(np.diff(t), pieces), t[-1])
 
 
-def _unhidden(of: tuple[RevolutionContour, NDArray[np.float64]], wall: NDArray[np.float64],
-              eye: NDArray[np.float64], before: bool) -> RevolutionContour:
+def _unhidden(contour: RevolutionContour, places: NDArray[np.float64],
+              wall: NDArray[np.float64], eye: NDArray[np.float64], before: bool
+              ) -> RevolutionContour:
     """The points of the outline: their lines of sight meet nothing else of the stack of discs.
 
-    eye: (3,) the camera in the frame of the surface. before: also those that meet some of it
-    behind the point.
+    places: (n, 3) of the points, eye: (3,) the camera, in the frame of the surface [m]. before:
+    also those that meet some of it behind the point.
     """
-    contour, places = of
     with np.errstate(divide='ignore', invalid='ignore'):
         part = (wall[:, 1] - eye[2]) / (places[:, 2:] - eye[2])
         met = eye[:2] + part[..., None] * (places[:, None, :2] - eye[:2])

@@ -128,10 +128,10 @@ def _heights(maps: Sequence[PosedMap], about: Cylinder) -> NDArray[np.float64]:
     return np.linspace(-0.5, 0.5, min(round(_ROWS * tallest / plain), _MOST_ROWS)) * tallest
 
 
-def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
+def _wall(view: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
           r: NDArray[np.float64], slopes: NDArray[np.int64]) -> NDArray[np.float64]:
     """(heights - 1, radii, slopes) evidence of a step of the wall from a height and radius."""
-    eye = np.linalg.inv(frame) @ of.camera[:, 3]
+    eye = np.linalg.inv(frame) @ view.camera[:, 3]
     aside = max(float(np.hypot(*eye[:2])), 1e-9)
     dr, dz = r[1] - r[0], z[1] - z[0]
     heights, radii, step = np.broadcast_arrays(
@@ -141,54 +141,54 @@ def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     cosine = (radii + lean * (heights - eye[2])) / aside
     total = np.zeros(radii.shape)
     for sign in (-1.0, 1.0):
-        density, scale = of.density(frame, radii, heights, cosine, sign, lean)
+        density, scale = view.density(frame, radii, heights, cosine, sign, lean)
         length = scale * np.hypot(step * dr, dz)
         density = np.where(abs(cosine) < _ASIDE, density, np.minimum(density, 0))
         total += length * np.where(abs(cosine) < 1, density, -_UNSEEN)
     return total
 
 
-def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
+def _edges(view: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
            r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(heights, radii) evidence of the edge of a bottom there, and of a top [nat]."""
-    eye = np.linalg.inv(frame) @ of.camera[:, 3]
+    eye = np.linalg.inv(frame) @ view.camera[:, 3]
     aside = float(np.hypot(*eye[:2]))
     turn = (np.arange(_ARC) + 0.5) * np.pi / _ARC
     heights, radii, cosine = np.broadcast_arrays(
         z[:, None, None], r[None, :, None], np.cos(turn)[None, None])
     off = heights - eye[2]
     lean = (aside * cosine - radii) / np.where(abs(off) > 1e-9, off, 1e-9)
-    (one, scale), (other, _) = (of.density(frame, radii, heights, cosine, sign, lean)
+    (one, scale), (other, _) = (view.density(frame, radii, heights, cosine, sign, lean)
                                 for sign in (1.0, -1.0))
     # The length of an ellipse's piece in the image, seen from `tilt` above.
     tilt = abs(off) / np.hypot(aside, off)
     length = scale * radii * np.pi / _ARC * np.hypot(cosine, tilt * np.sqrt(1 - cosine ** 2))
     evidence = (one + other) * length
-    bottom, top = _ends(of, frame, z, r)
+    bottom, top = _ends(view, frame, z, r)
     return (np.where(lean < 0, evidence, 0).sum(axis=-1) + bottom,
             np.where(lean > 0, evidence, 0).sum(axis=-1) + top)
 
 
-def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
+def _ends(view: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
           r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(heights, radii) evidence of the box that a bottom is there, and of a top [nat].
 
     A box that is drawn ends where the object does.
     """
     nothing = np.zeros((len(z), len(r)))
-    if of.box is None or not of.drawn:
+    if view.box is None or not view.drawn:
         return nothing, nothing
     turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
     heights, radii, angles = np.broadcast_arrays(z[:, None, None], r[None, :, None], turn)
     circles = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=-1)
-    (low, high), _ = of.seen(frame, np.array([[0, 0, z[0]], [0, 0, z[-1]]]))
+    (low, high), _ = view.seen(frame, np.array([[0, 0, z[0]], [0, 0, z[-1]]]))
     up = (high - low) / max(float(np.linalg.norm(high - low)), 1e-9)
     side = int(abs(up).argmax())
     if abs(up[side]) < _ALONG:
         return nothing, nothing
-    pixels = of.seen(frame, circles)[0][..., side]
-    first, last = pixels.min(axis=-1) - of.box[side], pixels.max(axis=-1) - of.box[side + 2]
-    sigma = _DRAWN * max(of.box[2] - of.box[0], of.box[3] - of.box[1])
+    pixels = view.seen(frame, circles)[0][..., side]
+    first, last = pixels.min(axis=-1) - view.box[side], pixels.max(axis=-1) - view.box[side + 2]
+    sigma = _DRAWN * max(view.box[2] - view.box[0], view.box[3] - view.box[1])
     bottom, top = (-_PER_NAT * np.minimum((off / sigma) ** 2 / 2, _MOST_OFF)
                    for off in ((first, last) if up[side] > 0 else (last, first)))
     return bottom, top

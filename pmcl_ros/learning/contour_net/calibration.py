@@ -63,19 +63,20 @@ class Histogram:
         return Calibration(scale=round(float(best.x[0]), 4), bias=round(float(best.x[1]), 4),
                            rate=float(f'{self.true.sum() / self.pixels.sum():.4g}'))
 
-    def reliability(self, by: Calibration) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    def reliability(self, calibration: Calibration
+                    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """(log odds predicted, log odds that are so) of groups of pixels."""
-        predicted = by.scale * _CENTRES + by.bias
+        predicted = calibration.scale * _CENTRES + calibration.bias
         part = np.digitize(predicted, _PARTS)
         pixels, true, mean = (np.bincount(part, each, len(_PARTS) + 1) for each in (
             self.pixels, self.true, self.pixels * predicted))
         kept = np.minimum(true, pixels - true) >= _LEAST
         return mean[kept] / pixels[kept], np.log(true[kept] / (pixels[kept] - true[kept]))
 
-    def nats(self, by: Calibration) -> float:
+    def nats(self, calibration: Calibration) -> float:
         """What the logit tells of a pixel beside the base rate: mean log likelihood gain [nat]."""
-        odds = by.scale * _CENTRES + by.bias
-        base = np.log(by.rate / (1 - by.rate))
+        odds = calibration.scale * _CENTRES + calibration.bias
+        base = np.log(calibration.rate / (1 - calibration.rate))
         predicted = self.true @ np.logaddexp(0, -odds) + (
             self.pixels - self.true) @ np.logaddexp(0, odds)
         blind = self.true.sum() * np.logaddexp(0, -base) + (

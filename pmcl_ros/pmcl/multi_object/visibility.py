@@ -51,14 +51,14 @@ def visible_evidence(points: ContourPoints, others: Sequence[Observation], scale
         evidence = _not_explained(points, evidence, other.points)
     weights = np.divide(evidence, points.evidence, out=np.ones(len(evidence)),
                         where=points.evidence > 0)
-    each = scale * points.lengths * evidence
+    terms = scale * points.lengths * evidence
     front = _in_front(points, others)
     hidden = front >= 0
-    seen = np.bincount(front[hidden], each[hidden], len(others))
+    seen = np.bincount(front[hidden], terms[hidden], len(others))
     mixed = np.logaddexp(np.log(_TRANSPARENT) + seen, np.log(1 - _TRANSPARENT))
     weights[hidden] *= np.exp(np.log(_TRANSPARENT) + seen - mixed)[front[hidden]]
     length = float(points.lengths.sum())
-    value = float(each[~hidden].sum() + mixed[np.unique(front[hidden])].sum()) / scale
+    value = float(terms[~hidden].sum() + mixed[np.unique(front[hidden])].sum()) / scale
     return VisibleEvidence(value, weights,
                            float(points.lengths @ weights) / length if length > 0 else 0.0)
 

@@ -156,9 +156,8 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
                           evidence.header.frame_id)
     blank = []
     for number, region in seen.items():
-        of = evidence.views[number]
-        window = region.window(of.evidence.pinhole, model.radius)
-        if of.view is not None and _is_blank(of.view, of.evidence.pinhole, window):
+        view, pinhole = evidence.views[number].view, evidence.views[number].evidence.pinhole
+        if view is not None and _is_blank(view, pinhole, region.window(pinhole, model.radius)):
             blank.append(number)
     for number in blank if len(blank) < len(seen) else []:
         view = evidence.views[number].view

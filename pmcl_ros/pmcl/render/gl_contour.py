@@ -176,21 +176,21 @@ class GlContourScore(Closing):
             context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))
         self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
-        each = self._edges
+        judged = self._edges
         ramps = np.zeros((MOST_KNOTS - 1, 2), np.float32)
         slopes = np.zeros((MOST_OFFSETS, MOST_KNOTS - 1), np.float32)
         offsets = np.zeros(MOST_OFFSETS, np.float32)
-        ramps[:len(each.knots)] = np.stack([each.knots, each.widths], axis=-1)
-        slopes[:len(each.offsets), :len(each.knots)] = each.slopes
-        offsets[:len(each.offsets)] = each.offsets
+        ramps[:len(judged.knots)] = np.stack([judged.knots, judged.widths], axis=-1)
+        slopes[:len(judged.offsets), :len(judged.knots)] = judged.slopes
+        offsets[:len(judged.offsets)] = judged.offsets
         self._program['tile'] = scene.window.size
         self._program['tiles'] = self.zbuffers.tiles
-        self._program['window'] = (each.left, each.top, each.scale)
+        self._program['window'] = (judged.left, judged.top, judged.scale)
         self._program['inverse'] = self.zbuffers.inverse
-        self._program['labels'] = (each.farthest, each.per_closeness)
-        self._program['keep'] = float(each.keep)
-        self._program['size'] = each.slopes.shape
-        self._program['bias'] = float(each.bias)
+        self._program['labels'] = (judged.farthest, judged.per_closeness)
+        self._program['keep'] = float(judged.keep)
+        self._program['size'] = judged.slopes.shape
+        self._program['bias'] = float(judged.bias)
         self._program['offsets'] = offsets.tolist()
         self._program['ramps'] = [tuple(ramp) for ramp in ramps.tolist()]
         self._program['slopes'] = slopes.ravel().tolist()
