@@ -72,12 +72,10 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                      ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """`count` equally weighted poses (n, 4, 4), their log posterior (n,), index of the mode (n,).
 
-    Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): tempering from that mixture to the
-    first density, and from each density to the next. Each step keeps half of the particles
+    Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): tempering from the mixture of the start
+    to the first density, and from each density to the next. Each step keeps half of the particles
     effective, and `moves` Metropolis moves follow it. The share of the particles about a mode
-    converges to its share of the posterior. A move is tested by the density that the tempering
-    comes from before the next one is evaluated: rejected moves cost less, and the distribution is
-    the same (delayed acceptance; Christen and Fox 2005).
+    converges to its share of the posterior.
 
     densities: log densities (n,) of poses (n, 4, 4), up to a constant; -inf where infeasible. The
         last is the posterior, those before approximate it at lower cost.
@@ -119,20 +117,35 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
             poses, values, known, own = poses[drawn], values[drawn], known[drawn], own[drawn]
             for _ in range(moves):
                 tried = _displaced(start, poses, own, size * rng.normal(size=normal.shape))
-                chances = np.log(rng.random((2, count)))
-                tried_known, tried_values = before(tried), np.full(count, -np.inf)
-                hopeful = chances[0] < _ratio(tried_known, known)
-                tried_values[hopeful] = after(tried[hopeful])
-                held = np.maximum(_ratio(values, known), -1e300)
-                gain = _ratio(tried_values, tried_known) - held
-                better = hopeful & (chances[1] < power * gain)
-                poses = np.where(better[:, None, None], tried, poses)
-                values = np.where(better, tried_values, values)
-                known = np.where(better, tried_known, known)
-                size *= np.exp(better.mean() - _ACCEPTED)
+                poses, known, values, accepted = _metropolis(
+                    (poses, known, values), tried, before, after, power, rng)
+                size *= np.exp(accepted - _ACCEPTED)
             if record is not None:
                 record(poses, values)
     return poses, values, own
+
+
+def _metropolis(particles: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+                tried: NDArray[np.float64], before: LogDensity, after: LogDensity, power: float,
+                rng: np.random.Generator
+                ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
+    """The particles after a move each, to `tried` (n, 4, 4), and the share that moved.
+
+    particles: poses (n, 4, 4), and what `before` and `after` are there (n,). The density is
+    before^(1 - power) after^power. A move is tested by `before`, then by the rest: rejected moves
+    cost less, and the distribution is the same (delayed acceptance; Christen and Fox 2005).
+    """
+    poses, known, values = particles
+    chances = np.log(rng.random((2, len(poses))))
+    tried_known, tried_values = before(tried), np.full(len(poses), -np.inf)
+    hopeful = chances[0] < _ratio(tried_known, known)
+    tried_values[hopeful] = after(tried[hopeful])
+    held = np.maximum(_ratio(values, known), -1e300)  # one without a value may move anywhere
+    gain = _ratio(tried_values, tried_known) - held
+    accepted = hopeful & (chances[1] < power * gain)
+    return (np.where(accepted[:, None, None], tried, poses),
+            np.where(accepted, tried_known, known), np.where(accepted, tried_values, values),
+            float(accepted.mean()))
 
 
 def _even(count: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -153,5 +166,6 @@ def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArr
 
 
 def _ratio(values: NDArray[np.float64], densities: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) log of the ratio of two densities, given their logs (n,); -inf where the first is 0."""
     none = np.full(len(values), -np.inf)
     return np.subtract(values, densities, out=none, where=np.isfinite(values))
