@@ -24,7 +24,11 @@ _LEAST = 1e-9  # divisors without contrast
 
 def window_sums(pictures: NDArray[np.float32], moments: ViewMoments, half: int, stride: int
                  ) -> NDArray[np.float32]:
-    """(SUMS, rows, columns) products of the refocused pictures' parts, summed over the window."""
+    """(SUMS, rows, columns) products of the refocused pictures' parts, summed over the window.
+
+    pictures: (moments, 3, height, width) of `refocused_moments`, with `half` + `REACH` pixels
+    around those that count. half: of the window, less its middle [px]. stride: of the pixels kept.
+    """
     height, width = (size - 2 * REACH for size in pictures.shape[2:])
     products = np.empty((SUMS, height, width), np.float32)
     second = np.linalg.cholesky(np.linalg.inv(moments.covariance[SECOND, SECOND])).T
@@ -113,7 +117,13 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
 
 @compiled(parallel=True)
 def fit_rays(sums, nodes, separations, independent, found, portion):  # type: ignore[no-untyped-def]
-    """Writes the middle, the separation [px per view step], the nearer share and the evidence."""
+    """Write found (4, height, width): middle, separation, the nearer layer's share, evidence.
+
+    sums: (nodes, SUMS, height, width) of `window_sums`, in units of the noise. nodes: (nodes,)
+    refocused shifts, separations: those that are tried [px per view step], as are middle and
+    separation. independent: values of a window with noise of their own. The evidence is a log
+    likelihood ratio of two layers to one [nat], less Schwarz' penalty.
+    """
     count, _, height, width = sums.shape
     widest = (nodes[1] - nodes[0]) / 2
     for y in rounds(height, portion):

@@ -51,5 +51,5 @@ class ModelError:
         return self.common ** 2 + self.local ** 2 * near
 
     def between_views(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Correlation of the displacements in two views, by the angle between them [rad]."""
+        """(n, m) correlation of the displacements in views at `angles` (n, m) [rad]."""
         return np.asarray(np.exp(-angles / self.angle))

@@ -46,7 +46,10 @@ class Faces:
         return np.asarray(_to_faces(points, self.triangles, self.boxes, self.starts))
 
     def farthest(self, points: NDArray[np.float64]) -> float:
-        """The largest of these distances [m], 0 without a point: found sooner than all of them."""
+        """The largest of the `distances` of points (n, 3) [m], 0 without a point.
+
+        It is found sooner than all of them: of most points a near face is enough.
+        """
         points = np.ascontiguousarray(points, np.float64)
         return float(_farthest(points, self.triangles, self.boxes, self.starts))
 

@@ -21,7 +21,7 @@ class TransformTree:
 
     def add(self, parent: str, child: str, pose: NDArray[np.float64],
             stamp_ns: int | None = None) -> None:
-        """Store the pose of a frame in its parent at a stamp; None: at any time.
+        """Store the pose (4, 4) of a frame in its parent [m] at a stamp; None: at any time.
 
         Raises PoseUnavailableError where the frame has had another parent.
         """
@@ -38,7 +38,8 @@ class TransformTree:
         """The pose of `child` in `frame` at a stamp, with the mean speed just before it.
 
         Where the poses begin, the speed is that just after it, or 0 where nothing tells it.
-        gap, None, raises: as `PoseBuffer.interpolated`; also where no chain joins the frames.
+        gap [s], and None for what has not come yet: as of `PoseBuffer.interpolated`. Raises
+        PoseUnavailableError as that does, and where no chain joins the frames.
         """
         now = self._at(stamp_ns, frame, child, gap)
         if now is None:

@@ -38,7 +38,10 @@ class Grasp:
     def from_axes(cls, name: str, kind: str, position: NDArray[np.float64],
                   approach: NDArray[np.float64], closing: NDArray[np.float64], width: float,
                   opening: float) -> 'Grasp':
-        """From the origin of the grasp frame and its x and y axes, orthonormal."""
+        """From the grasp frame's axes, in the object's frame.
+
+        position: (3,) its origin [m]. approach, closing: (3,) orthonormal, its x and y axes.
+        """
         pose = np.eye(4)
         pose[:3, 0], pose[:3, 1], pose[:3, 2] = approach, closing, np.cross(approach, closing)
         pose[:3, 3] = position

@@ -64,14 +64,18 @@ class ContourPosterior:
     feasible: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
-        """The mode nearby: Gauss-Newton steps on the local model."""
+        """The mode near a pose (4, 4): Gauss-Newton steps on the local model."""
         best, _ = gauss_newton(pose, lambda each: self.local_model_at(each, False), _REFINEMENTS,
                                _CONVERGED, lambda each: bool(self.feasible(each[None])[0]))
         return Mode(best, self.local_model_at(best, True))
 
     def sample(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
                watch: Watch | None = None) -> Posterior:
-        """The posterior about modes, best first."""
+        """`settings.particles` poses about modes, best first, by `sample_posterior`.
+
+        progress: called with 0..1; returning False ends it with the particles so far. watch:
+        called with every generation of them.
+        """
         scale, symmetry = modes[0].local.scale, self.model.symmetry
         start_of = [
             Gaussian.from_covariance(mode.pose, _WIDEN ** 2 * mode.local.covariance, symmetry)

@@ -49,7 +49,10 @@ class BoxedView:
         return np.asarray(ray / np.linalg.norm(ray))
 
     def sides(self, up: NDArray[np.float64]) -> tuple[float, float]:
-        """Of the box, across and along an axis (3,), as the camera, upright or rolled, sees it."""
+        """Sides of the box across and along an axis [px], whichever way the camera is rolled.
+
+        up: (3,) direction of the axis in the reference frame.
+        """
         _, _, width, height = self.box
         ray, axis = self.camera[:3, :3].T @ self.sight, self.camera[:3, :3].T @ up
         x, y, _ = axis * ray[2] - ray * axis[2]  # where a point in the middle moves along the axis
@@ -58,7 +61,10 @@ class BoxedView:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """About what the boxes hold. frame: (4, 4), in its middle, z upwards. In metres."""
+    """About what the boxes hold: an upright cylinder of a radius and a height [m].
+
+    frame: (4, 4) in the reference frame, its origin in the middle, z along the axis, upwards.
+    """
 
     frame: NDArray[np.float64]
     radius: float

@@ -140,15 +140,15 @@ class JointContours:
         return lambda poses: np.sum([score(camera @ poses) for camera, score in scores], axis=0)
 
     def points(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> ContourPoints:
-        """All of them, one view after the other."""
+        """The points of `contours`, one view after the other."""
         return reduce(lambda one, other: one.joined(other),
                       (each.points for each in self.contours(pose, nuisances)))
 
     def local_model(self, pose: NDArray[np.float64], sure: bool, nuisances: NDArray[np.float64],
                     scale: float | None, level: int = -1) -> LocalModel:
-        """At a pose (4, 4); sure: with its uncertainty.
+        """At a pose (4, 4), with nuisances (k + 1,); sure: with its uncertainty.
 
-        scale: as of `Nuisances`; None: these are taken to be what they are.
+        scale: as of `Nuisances`, which are eliminated; None: they are taken to be what they are.
         """
         joint = self.joint
         given = None
@@ -175,10 +175,10 @@ class JointContours:
         return made
 
     def disagreement(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> float:
-        """Median square by which views are off, in units of the model error of one view.
+        """Median over views of (`off` / `expected`)^2, as of `ViewFit`: about 1 where they agree.
 
-        One view of several in which something hides a part of the object does not decide. 0 where
-        no view shows a contour.
+        pose: (4, 4). nuisances: (k + 1,). One view of several in which something hides a part of
+        the object does not decide. 0 where no view shows a contour.
         """
         alone = [_off(each) for each in self._drawn(pose, nuisances).alone if each.length > 0]
         return float(np.median([off ** 2 / max(expected ** 2, 1e-12) for off, expected in alone]
