@@ -11,8 +11,9 @@ import numpy as np
 from rich.progress import Progress, track
 
 from pmcl_ros.cli.base import FOLDER, FORCE, OBJECT, STDERR, TRUTH, results_in
+from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, Opened, source_options
+from pmcl_ros.cli.sources import GivenSource, Opened, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.drawing.view_overlay import outlines_in_view, overlay_in_view
 from pmcl_ros.evaluation.variants import Variant
@@ -64,7 +65,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
     results = None if out is None else results_in(out, force)
-    objects, load = source.objects(objects, object_id)
+    objects, load = objects_of(source.source, objects, object_id)
     changed = Variant.parse(','.join(changes)) if changes else None
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {" ".join(changes)}: there are no rows here; say --mode')

@@ -7,8 +7,9 @@ import click
 import numpy as np
 
 from pmcl_ros.cli.base import FILE, OBJECT
+from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, posed_options
+from pmcl_ros.cli.sources import GivenSource, posed_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
@@ -48,7 +49,8 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')
     plan = None if candidates is None else ViewPlan.load(candidates)
-    (path,), load = source.objects(() if object_path is None else (object_path,), object_id)
+    (path,), load = objects_of(source.source, () if object_path is None else (object_path,),
+                               object_id)
     settings = PmclSettings.make({'object': str(path), 'seed': seed} | region.settings(),
                                  '--roi, --depths, --table, --tilt, --up, --seed')
     model = load(path)

@@ -7,8 +7,9 @@ import click
 from rich.progress import Progress
 
 from pmcl_ros.cli.base import FORCE, OBJECT, STDERR, TRUTH, results_in
+from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import OBJECT_ID, GivenSource, source_options
+from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
@@ -56,7 +57,8 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
         truth = None  # it is of the object in the picture, which may be another one
     if object_path is None and object_id is None:
         object_path = _object(path, folder)
-    (object_path,), load = source.objects(() if object_path is None else (object_path,), object_id)
+    (object_path,), load = objects_of(
+        source.source, () if object_path is None else (object_path,), object_id)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed}
                                  | where, '--roi, --depths, --table, --tilt, --up, --mode, --seed')
     model = load(object_path)

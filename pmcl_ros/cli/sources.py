@@ -24,7 +24,6 @@ from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
-from pmcl_ros.lightfield.readers import bop
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import (
     Source,
@@ -35,7 +34,6 @@ from pmcl_ros.lightfield.readers.read import (
 )
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
@@ -77,11 +75,6 @@ _OF_POSES = (
     click.option('--common', type=click.FloatRange(0, 1), metavar='SHARE', help='Of the variances '
                  'of --sigma-mm and --sigma-deg: what all views have in common. Default: as '
                  'SOURCE states it; else none.'))
-
-
-OBJECT_ID = click.option(
-    '--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place of '
-    "--object: the data set's object N, models/obj_00000N.ply in millimetres.")
 
 
 class Opened(NamedTuple):
@@ -159,22 +152,6 @@ class GivenSource(GivenReading):
             raise click.UsageError(f'{self.source} has no poses of its cameras: --sigma-mm and '
                                    '--sigma-deg are errors of such')
         return opened
-
-    def objects(self, paths: tuple[Path, ...], object_id: int | None
-                ) -> tuple[tuple[Path, ...], Callable[[Path], ObjectModel]]:
-        """The files of the objects that are looked for, and what reads them.
-
-        object_id: of a BOP scene, in place of `paths`: its file is printed. Raises UsageError
-        where none is given, or both; LightFieldError where there is no such file.
-        """
-        if (object_id is None) == (not paths):
-            raise click.UsageError('say which object: --object with its mesh '
-                                   '(docs/howto/object.md), or --object-id of a BOP scene')
-        if object_id is None:
-            return paths, ObjectModel.load
-        mesh = bop.model_of(self.source, object_id)
-        STDERR.print(f'object: {mesh}, in millimetres', markup=False, soft_wrap=True)
-        return (mesh,), ObjectModel.load_bop
 
     def _reading(self) -> Reading:
         return self.reading([self.source], f'{self.source} is')
