@@ -5,13 +5,14 @@ import sys
 from collections.abc import Callable, Sequence
 
 import click
+from matplotlib import pyplot
 from matplotlib.backend_bases import Event, KeyEvent, MouseButton, MouseEvent
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.widgets import RectangleSelector
 
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.profiles.outline import LEAST_SIDE, Box
+from pmcl_ros.profiles.outline import LEAST_SIDE, Box, resized
 from pmcl_ros.runtime.errors import ProfileError
 
 _CLICK = 4.0  # px of the screen: a shorter drag is a click
@@ -134,7 +135,6 @@ def has_screen() -> bool:
     if sys.platform == 'linux' and not (os.environ.get('DISPLAY')
                                         or os.environ.get('WAYLAND_DISPLAY')):
         return False
-    from matplotlib import pyplot
     try:
         figure = pyplot.figure()
     except ImportError:  # of a back end that was chosen by MPLBACKEND
@@ -153,7 +153,6 @@ def boxes_in_window(views: Sequence[PosedView], needed: int, shrink: int = 1) ->
     if len(views) < needed:
         raise ProfileError(f'a profile needs boxes in {needed} views, or --height; there is '
                            f'{len(views)}')
-    from matplotlib import pyplot
     figure = pyplot.figure('pmcl profile', (10, 8))
     window = BoxWindow(figure, views, needed, lambda: pyplot.close(figure))
     pyplot.show(block=True)
@@ -163,12 +162,6 @@ def boxes_in_window(views: Sequence[PosedView], needed: int, shrink: int = 1) ->
                f'{options_of({view: resized(box, shrink) for view, box in window.boxes.items()})}',
                err=True)
     return window.boxes
-
-
-def resized(box: Box, factor: float) -> Box:
-    """A box in a picture of `factor` times as many pixels a side; the first's middle is (0, 0)."""
-    x, y, width, height = box
-    return ((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5, factor * width, factor * height)
 
 
 def options_of(boxes: dict[int, Box]) -> str:

@@ -7,13 +7,12 @@ import click
 import numpy as np
 
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
-from pmcl_ros.cli.box_window import boxes_in_window, has_screen, resized
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.drawing.pictures import overlay, write_png
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.profiles.measure import measured
 from pmcl_ros.profiles.measured import MeshKind
-from pmcl_ros.profiles.outline import Box
+from pmcl_ros.profiles.outline import Box, resized
 from pmcl_ros.runtime.errors import ProfileError
 from pmcl_ros.runtime.outputs import refuse_existing
 
@@ -56,9 +55,11 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     length = float(np.linalg.norm(up))
     if not (np.isfinite(length) and length > 0):
         raise click.UsageError(f'--up {up}: it has no direction')
-    if not (marked or has_screen()):
-        raise click.UsageError('say where the object is: --box or --points; there is no screen '
-                               'for a window to mark it in')
+    if not marked:
+        from pmcl_ros.cli import box_window  # here, as matplotlib takes most of a second
+        if not box_window.has_screen():
+            raise click.UsageError('say where the object is: --box or --points; there is no '
+                                   'screen for a window to mark it in')
     read = source.open().read()
     views = read.views if isinstance(read, PosedViews) else (read,)
     posed = [each for each in views if isinstance(each, PosedView)]
@@ -75,7 +76,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     if results is not None:
         results.reserve(*names)
     if not marked:
-        marked = boxes_in_window(posed, 2 if height is None else 1, source.shrink)
+        marked = box_window.boxes_in_window(posed, 2 if height is None else 1, source.shrink)
     found = measured(posed, marked, np.array(up) / length, height)
     out.parent.mkdir(parents=True, exist_ok=True)
     found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')

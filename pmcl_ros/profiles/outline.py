@@ -17,6 +17,12 @@ _AROUND = 48  # points of a circle
 _STEEPEST = np.deg2rad(75.0)  # of a line of sight to the level: from above there is no wall
 
 
+def resized(box: Box, factor: float) -> Box:
+    """A box in a picture of `factor` times as many pixels a side; the first's middle is (0, 0)."""
+    x, y, width, height = box
+    return ((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5, factor * width, factor * height)
+
+
 @dataclass(frozen=True)
 class BoxedView:
     """A view and the box about the object in its picture.

@@ -19,7 +19,8 @@ print(*sorted(set(libraries.split(',')) & set(sys.modules)))
 
 
 @pytest.mark.parametrize('arguments', [('numpy,numba,scipy,cv2',), ('bag', 'trimesh,matplotlib'),
-                                       ('decode', 'trimesh,matplotlib')])
+                                       ('decode', 'trimesh,matplotlib'),
+                                       ('profile', 'matplotlib')])
 def test_help_needs_none_of_the_large_libraries(arguments):
     done = subprocess.run([sys.executable, '-c', HELP, *arguments], check=True,
                           capture_output=True, text=True)

@@ -11,7 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pmcl_ros.cli import box_window, main
-from pmcl_ros.cli.box_window import BoxWindow, boxes_in_window, has_screen, options_of, resized
+from pmcl_ros.cli.box_window import BoxWindow, boxes_in_window, has_screen, options_of
+from pmcl_ros.profiles.outline import resized
 from pmcl_ros.runtime.errors import ProfileError
 
 
@@ -103,7 +104,7 @@ def test_views_are_passed_by_and_come_again_and_small_boxes_are_refused(open_win
 def acting(monkeypatch):
     """A function deed -> a user who does it, with the figure, as soon as a window is shown."""
     pyplot.switch_backend('agg')
-    monkeypatch.setattr('pmcl_ros.cli.profile.has_screen', lambda: True)
+    monkeypatch.setattr('pmcl_ros.cli.box_window.has_screen', lambda: True)
 
     def act(deed):
         monkeypatch.setattr(pyplot, 'show', lambda block: block and deed(pyplot.gcf()))
