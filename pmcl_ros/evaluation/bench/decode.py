@@ -15,12 +15,11 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.lenslets import Lenslets
+from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
 from pmcl_ros.lightfield.light_field import ViewGrid
 
 _BLACK, _WHITE = 168, 4095
 _PUPIL = 4.4  # raw px: radius of the main lens' image under a lenslet
-_DARKEST = 0.05
 _CROSS = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float32) / 4
 _SQUARE = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32) / 4
 
@@ -107,7 +106,7 @@ def plain_decode(data: bytes, black: float, white: float, light: NDArray[np.floa
     """
     height, width = light.shape
     linear = (_unpack(data, width, height) - np.float32(black)) * np.float32(1 / (white - black))
-    colours = _demosaic(linear / np.maximum(light, np.float32(_DARKEST)))
+    colours = _demosaic(linear / np.maximum(light, np.float32(DARKEST)))
     lattice = calibration.lattice
     i0, i1, j0, j1 = lattice.index_range(width, height)
     i0, i1, j0, j1 = i0 - 8, i1 + 8, j0 - 8, j1 + 8
