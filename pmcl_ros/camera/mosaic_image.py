@@ -16,7 +16,8 @@ from pmcl_ros.runtime.picture_file import read_picture_file
 _SUFFIXES = ('.png', '.jpg', '.jpeg')
 _COUNTS = 16  # of 12 bits per level of 8 bits
 _DARK = 1.0  # percent of the pixels that are taken as unlit
-# The same for both first-generation cameras whose metadata are known (lytro_f01.md, B3).
+# The same for both first-generation cameras whose metadata are known (lytro_f01.md, B3):
+# rows of the matrix from the camera's colours to linear sRGB, and the exponent of its display.
 _TO_SRGB = (3.1116, -1.9394, -0.1722, -0.3629, 1.6409, -0.2780, 0.0790, -1.1558, 2.0768)
 _GAMMA = 0.41666
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_map import harmonics
 
 _WIDEST = 640  # px: of each of the three parts
-_DIRECTIONS = 32
+_DIRECTIONS = 32  # that are compared: hues 11 degrees apart
 _CONTOUR, _INSIDE = 6.0, 4.0  # nat that are drawn the brightest
 
 

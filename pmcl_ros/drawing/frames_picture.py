@@ -15,7 +15,7 @@ _GLASS, _GREY = '#5aa7d6', '#777777'
 _ARM = 0.036  # m: of a drawn axis
 _BESIDE = 0.014  # m: of an axis' letter from its tip
 _TILT = np.deg2rad(8)  # of the object that is drawn
-_WRIST_TO_FINGERS = 0.166
+_WRIST_TO_FINGERS = 0.166  # m: `parent_to_grasp` of the default gripper
 _OUTLINE = np.array([[0.034, -0.075], [0.03, -0.07], [0.004, -0.065], [0.004, 0.0],
                      [0.025, 0.02], [0.034, 0.045], [0.03, 0.075]])  # m: half of a wine glass
 

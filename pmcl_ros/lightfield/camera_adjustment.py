@@ -25,8 +25,8 @@ _NOISE = 0.5  # px: of a match
 _GATE = 4.0  # standard deviations of reported poses that a match may be off its line
 _BEHIND = 2.0  # the same, by which reported rotations may put what is far away behind the cameras
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
-_MOST = 150  # the same
-_ITERATIONS = 15
+_MOST = 150  # matches of a pair of views
+_ITERATIONS = 15  # of reweighted least squares
 _NEIGHBOURS = 3  # views that each view is matched with
 _DISTANCE = 0.5  # m: of what is seen, for the gate
 

@@ -16,7 +16,7 @@ from pmcl_ros.runtime.errors import FileError
 
 MOST_BYTES = 2 ** 24  # of any text that is parsed as a whole
 _MOST_YAML = 2 ** 22  # bytes
-_MOST_NODES, _DEEPEST = 100_000, 64
+_MOST_NODES, _DEEPEST = 100_000, 64  # of YAML: values, and levels of nesting
 _LONGEST_NUMBER = 400  # characters; a float's largest value has 309 digits
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
 

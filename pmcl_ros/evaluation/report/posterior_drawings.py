@@ -14,7 +14,7 @@ from pmcl_ros.evaluation.report.svg import axes, colour, dots, lines, svg
 
 LEVEL = 0.9  # of the credible regions
 REACH = 4.0  # standard deviations that are shown on each side
-_BINS = 24
+_BINS = 24  # of a histogram
 
 
 def posterior_figures(run: Localization, found: Coordinates) -> list[Figure]:

@@ -25,7 +25,7 @@ from pmcl_ros.evaluation.report.slices import (
 from pmcl_ros.evaluation.report.svg import axes, lines, outline, over, svg
 from pmcl_ros.lightfield.light_field import LightField
 
-_MOST_TICKS = 8
+_MOST_TICKS = 8  # of an axis of depths
 _BRIGHTEST = 99.8  # percentile of the likelihoods that is shown as the brightest
 _MARGIN = 0.25  # of the object's width that an epipolar slice shows on each side of it
 

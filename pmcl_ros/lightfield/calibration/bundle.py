@@ -15,7 +15,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 _LOG = logging.getLogger(__name__)
 
 _OUTLYING, _WILD = 3.0, 6.0  # standard deviations
-_STEPS, _HALVINGS = 50, 12
+_STEPS, _HALVINGS = 50, 12  # Gauss-Newton steps, and halvings of one that raises the cost
 _DONE = 1e-9  # relative change of the cost
 _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's parameters:
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])

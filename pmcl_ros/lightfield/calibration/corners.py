@@ -15,12 +15,12 @@ from pmcl_ros.lightfield.white_image import devignette
 # with 0.9). White images have some 1 % of noise.
 _WHOLE = 0.95
 _LIT = 0.5  # of the brightest: pixels that measure the colour of the light
-_LEAST = np.float32(1e-6)
+_LEAST = np.float32(1e-6)  # that is divided by
 _MIDDLE = 2  # raw px from a lenslet's centre, where it gets all its light
 _WINDOW = 0.45  # of a square, to each side: the next corners' edges stay outside
 _LARGEST = 8.0  # view px, a window's half side: there the light is still even enough
 _BLUR = 1.0  # view px: radius of the disc that blurs the edges, where the fit starts
-_STEPS = 15
+_STEPS = 15  # Gauss-Newton steps at most
 _DONE = 1e-4  # view px
 _FARTHEST = 1.5  # view px: larger moves reach another corner
 _SHAPE = 8  # parameters of a corner before those of its light

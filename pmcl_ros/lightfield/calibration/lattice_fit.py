@@ -24,12 +24,12 @@ _SMALLEST = 128  # raw px, a side of the frame
 _TILE, _LEAST_TILE = 8, 5  # pitches: a tile's side, and the least where the frame is small
 _TILES, _LEAST_TILES = 8, 4  # along each side: where there may be fewer, tiles get smaller
 _LEAST_USED = 12  # tiles; seven unknowns are fitted to two numbers of each
-_ROUNDS = 3
+_ROUNDS = 3  # of measuring tiles anew with the lattice that they gave
 _STEPS = 10  # of reweighting
 _ROUNDING = 1e-3  # raw px: measured centres are not better
 # Of a pitch: tiles with larger errors have random phases, of which 6 % lie nearer by chance.
 _NEAR = 0.125
-_LEAST_NEAR = 0.25
+_LEAST_NEAR = 0.25  # share of tiles; four times what chance gives
 # rad: tolerance of the sum of the three phases. It is 0 for discs, pi for the dark holes of a
 # honeycomb.
 _CLOSED = 0.6

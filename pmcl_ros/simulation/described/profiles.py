@@ -25,7 +25,7 @@ _ABOVE = 0.005  # m: by which an inner surface may reach beyond the rim
 _CREST = 0.7  # of the wall: at most so far out of the crest of a rim does the wall begin
 _SEGMENTS = 48  # of a full turn of these
 _EPSILON = 1e-4  # mm: points nearer than that to a line are left out
-_MITRE = 4.0
+_MITRE = 4.0  # widths of an offset: what a sharp corner may stick out
 _THIN = 0.01  # mm: of the slice in which a rim is measured
 _AXIS = 1e-6  # mm
 

@@ -33,7 +33,7 @@ Attitude = Literal['any', 'upright', 'lying']
 # Limits of the angle at which the camera looks down [rad].
 _HEIGHTS = {'table': (0.08, 1.5), 'shelf': (0.0, 0.35), 'sink': (0.8, 1.45), 'tank': (0.0, 0.4),
             'clutter': (0.08, 1.5)}
-_TRIES = 30
+_TRIES = 30  # scenes, until nothing hides the object
 _SHOULDER = 0.7  # of the camera's distance: a board may come so near to it
 
 

@@ -10,9 +10,9 @@ from pmcl_ros.simulation.manipulation.physics import mink
 _FREE = np.array([each.limits is None for each in ARM])
 _LIMITS = np.array([(-np.pi, np.pi) if each.limits is None else each.limits for each in ARM])
 _NEAR, _PARALLEL = 2e-4, 1e-3  # m, rad: of a solution
-_ITERATIONS = 30
-_STARTS = 10
-_DAMPING = 1e-4
+_ITERATIONS = 30  # at most, from one start
+_STARTS = 10  # random ones, beside the present posture and `HOME`
+_DAMPING = 1e-4  # of joint speeds (Levenberg-Marquardt)
 
 
 class InverseKinematics:

@@ -20,8 +20,8 @@ APPROACH = 0.10  # m: straight, before a grasp and after the object is put down
 LIFT = 0.15  # m: straight up from where the object was
 _ABOVE = 0.002  # m: over the tray, where the object is let go
 _RESTS = 1.0  # s: after which it stands still
-_SPINS = 12
-_TRIES = 2
+_SPINS = 12  # of the object about the vertical, in which it may be put down
+_TRIES = 2  # to take the object: once more after a slip
 _NEARER = 0.0, 0.06, 0.12, 0.18, 0.24  # m: towards the robot, where it is held
 
 

@@ -24,7 +24,7 @@ _JUMP = 0.3  # rad: more between neighbours of a line is another posture
 _CLEAR = 5e-3  # m: to be kept from everything
 ROOM = 0.045  # m: to be kept from an object, which may drift, but on the line to it
 _LEAN = 0.3  # rad: more than at its start and its end, on the way of what is carried
-_AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
+_AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])  # m, quaternion: where no object is in the way
 
 
 @dataclass(frozen=True)

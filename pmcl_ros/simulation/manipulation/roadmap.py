@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 
 _REACH = 0.3  # rad: of one branch
 _AROUND = 1.5  # rad: beyond start and goal that is searched
-_BRANCHES = 1500
-_SHORTCUTS = 60
+_BRANCHES = 1500  # at most, of both trees together
+_SHORTCUTS = 60  # that are tried
 
 
 def connect(start: Array, goal: Array, limits: Array, is_free: Callable[[Array, Array], bool],

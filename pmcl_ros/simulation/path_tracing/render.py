@@ -18,7 +18,7 @@ from pmcl_ros.simulation.scenes.render import LightOfView
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
-_PASSES = 8
+_PASSES = 8  # at most: the median over them tells outliers
 _MOST = 2.0  # that a pass counts, in medians of all passes
 _LESS = 4  # times fewer samples get pixels beside the regions
 _LEAST = 4  # paths of a pixel in a pass

@@ -25,7 +25,7 @@ from pmcl_ros.simulation.scenes.random_scene import (
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
-_TRIES = 2000
+_TRIES = 2000  # until objects overlap in view
 _GLASS, _COPY, _FILM = 0.6, 0.25, 0.2  # shares: of objects, of scenes with copies, with a film
 _GAP = 0.005, 0.05  # m between two neighbours
 _OVERLAP, _MOST_OVERLAP = 0.1, 0.6  # of the smaller outline: at least in one pair, at most in all

@@ -4,8 +4,9 @@ import numpy as np
 
 from pmcl_ros.runtime.kernels import compiled
 
+# Of splitmix64: 2^64 over the golden ratio, and the multipliers of its mixing.
 _GOLDEN, _ONE, _TWO = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
-_SCALE = 2.0 ** -53
+_SCALE = 2.0 ** -53  # from the 53 bits of a float's mantissa to [0, 1)
 _R1, _R2 = 0.7548776662466927, 0.5698402909980532  # powers of the plane's golden ratio
 
 

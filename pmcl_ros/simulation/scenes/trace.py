@@ -10,8 +10,8 @@ from pmcl_ros.simulation.scenes.shapes.revolution import frustum_normal, meet_fr
 from pmcl_ros.simulation.scenes.shapes.triangles import meet_triangles
 
 _NEAR = 1e-6  # m: a ray that starts on a surface does not meet it again
-_FAR = 1e3
-_SOLID, _SHEET = 1, 2
+_FAR = 1e3  # m: nothing in a scene is farther
+_SOLID, _SHEET = 1, 2  # kinds of what a ray meets; 0: nothing
 BRANCHES = 24  # rays waiting at most: more reflections than that are left out
 _SURFACES = 24  # on one path at most
 _FAINT = 1e-3  # a path of less weight ends

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.kernels import compiled
 
 _CREASE = np.deg2rad(35)  # a profile that turns by more has an edge there
-_BINS_PER_METRE = 600
+_BINS_PER_METRE = 600  # slices of 1.7 mm
 
 
 @dataclass(frozen=True)
