@@ -59,7 +59,8 @@ class Surface:
     def mssd(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
         """Maximum symmetry-aware surface distance [m]: least over the symmetries.
 
-        pose, truth: (4, 4). The farthest point is a corner of the hull, as distance is convex.
+        pose, truth: (4, 4), object to camera [m]. The farthest point is a corner of the hull, as
+        distance is convex.
         """
         found = transformed(pose[None], self.corners)
 
@@ -71,7 +72,10 @@ class Surface:
 
     def mspd(self, pose: NDArray[np.floating], truth: NDArray[np.floating], pinhole: Pinhole
              ) -> float:
-        """Maximum symmetry-aware projection distance [px]; infinite behind the camera."""
+        """Maximum symmetry-aware projection distance [px]; infinite behind the camera.
+
+        pose, truth: (4, 4), object to camera [m].
+        """
         found = pinhole.project(transformed(pose[None], self.points))
 
         def distance(motion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -81,7 +85,10 @@ class Surface:
         return self._least(_in_parts(distance, len(self.points)))
 
     def add_s(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
-        """Mean distance from the true points to the nearest point of the pose [m]; BOP's ADI."""
+        """Mean distance from the true points to the nearest point of the pose [m]; BOP's ADI.
+
+        pose, truth: (4, 4), object to camera [m].
+        """
         nearest, _ = cKDTree(transformed(pose[None], self.points)[0]).query(
             transformed(truth[None], self.points)[0])
         return float(np.mean(nearest))
@@ -105,7 +112,7 @@ class Surface:
 
 
 def _in_parts(distance: _Distance, count: int) -> _Distance:
-    """The same of motions (n, 4, 4) of so many points, a few motions at a time."""
+    """The same of motions (n, 4, 4), a few at a time, as each moves so many points."""
     step = max(1, _MOST // count)
     return lambda motions: np.concatenate([
         distance(motions[first:first + step]) for first in range(0, len(motions), step)])

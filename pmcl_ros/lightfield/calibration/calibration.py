@@ -62,7 +62,7 @@ class Calibration(Settings):
         """The calibration of simulated captures from their truth files.
 
         capture: a capture's truth.json with `camera`. white: the white image's with `lattice`.
-        Raises SettingsError when they hold none.
+        Raises SettingsError when they cannot be read or hold none.
         """
         try:
             camera = read_json(capture)['camera']

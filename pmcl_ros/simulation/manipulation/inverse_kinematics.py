@@ -16,7 +16,11 @@ _DAMPING = 1e-4  # of joint speeds (Levenberg-Marquardt)
 
 
 class InverseKinematics:
-    """Joint angles (7,) [rad] that bring gripper_link to a pose (4, 4) in base_link."""
+    """Joint angles (7,) [rad] that bring gripper_link to a pose (4, 4) in base_link [m].
+
+    Differential: mink solves a quadratic program for each step. Raises SimulationError where
+    MuJoCo or mink are not installed.
+    """
 
     def __init__(self, gripper: GripperSettings) -> None:
         library = mink()
@@ -30,14 +34,18 @@ class InverseKinematics:
         self._starts = HOME, *rng.uniform(low, high, (_STARTS, len(ARM)))
 
     def forward(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(4, 4) the pose of gripper_link."""
+        """(4, 4) the pose of gripper_link in base_link [m] for angles (7,) [rad]."""
         self._configuration.update(joints)
         return np.array(
             self._configuration.get_transform_frame_to_world(TOOL, 'body').as_matrix())
 
     def near(self, tool: NDArray[np.float64], joints: NDArray[np.float64]
              ) -> NDArray[np.float64] | None:
-        """The solution that iterations from some angles lead to, each free joint turned least."""
+        """The solution (7,) [rad] that iterations from some angles lead to, or None.
+
+        tool: (4, 4) pose of gripper_link in base_link [m]. joints: (7,) [rad]: the start; free
+        joints are within half a turn of it.
+        """
         library, arm, task = mink(), self._configuration, self._task
         task.set_target(library.SE3.from_matrix(tool))
         arm.update(joints)
@@ -52,14 +60,17 @@ class InverseKinematics:
 
     def solutions(self, tool: NDArray[np.float64], joints: NDArray[np.float64]
                   ) -> list[NDArray[np.float64]]:
-        """Solutions from several starts, the one that the angles `joints` are nearest to first."""
+        """Solutions (7,) [rad] from several starts, the nearest to the angles `joints` first.
+
+        tool, joints: as of `near`. There may be none, and one may be there more than once.
+        """
         found = [self.near(tool, start) for start in (joints, *self._starts)]
         turned = [nearest_turn(each, joints) for each in found if each is not None]
         return sorted(turned, key=lambda each: float(abs(each - joints).max()))
 
 
 def nearest_turn(joints: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same posture with each free joint within half a turn of the other's."""
+    """The same posture (7,) [rad] with each free joint within half a turn of the other's."""
     away = joints - other
     return joints - np.where(_FREE, 2 * np.pi * np.round(away / (2 * np.pi)), 0)
 

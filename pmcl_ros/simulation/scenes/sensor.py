@@ -65,9 +65,10 @@ def pupil_views(side: int, radius: float) -> tuple[NDArray[np.float64], NDArray[
 
 def sensed(picture: NDArray[np.float32], gain: float, sigma: float, margin: int
            ) -> NDArray[np.float32]:
-    """The picture times a gain, without its margin, blurred by a Gaussian of sigma [px].
+    """The picture (height, width, 3) times a gain, blurred, without its margin [px] on each side.
 
-    The sensor's pixels saturate one by one, before a decoder blurs them.
+    sigma: of the Gaussian [px]. The sensor's pixels saturate one by one, before a decoder blurs
+    them: 1 is white.
     """
     picture = np.minimum(picture * np.float32(gain), np.float32(_WHITE))
     if sigma > 0:
@@ -79,6 +80,8 @@ def sensed(picture: NDArray[np.float32], gain: float, sigma: float, margin: int
 def exposure(centre: NDArray[np.floating], level: float) -> float:
     """The gain that brings the mean of the centre view to `level`; less where it would saturate
     more than a fiftieth of the pixels.
+
+    centre: (height, width, 3) radiances. level: as of `Sensor`.
     """
     return float(min(level / max(centre.mean(), 1e-6),
                      0.95 / max(np.percentile(centre, 98), 1e-6)))
