@@ -65,8 +65,8 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Solid:
-    """A textured mesh about z.
+class TexturedMesh:
+    """An object whose mesh is about z, with a texture wound about it.
 
     texture: around the axis (columns) and along it (rows), `side` metres a period.
     opacity: far from the outline. rim: opacity at the outline, fading over `width` [m].

@@ -14,7 +14,7 @@ from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.settings import Odd, Settings
-from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
+from pmcl_ros.simulation.layers import Plane, TexturedMesh, laid_over, view_shifts
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
@@ -181,10 +181,11 @@ class Sequence:
         texture = random_texture(rng)
         if clear:  # its rim shows dark or bright parts of the room
             texture = np.clip(0.2 * texture + rng.choice([0.0, 0.8]), 0, 1, dtype=np.float32)
-        self._solid = Solid(self.model, texture, float(rng.uniform(0.1, 0.2)),
-                            float(rng.uniform(0.35, 0.6)) if clear else 1.0,
-                            float(rng.uniform(0.7, 0.95)) if clear else 1.0, _RIM,
-                            np.array([0.5, -0.7, -0.5]))
+        self._solid = TexturedMesh(
+            self.model, texture, side=float(rng.uniform(0.1, 0.2)),
+            opacity=float(rng.uniform(0.35, 0.6)) if clear else 1.0,
+            rim=float(rng.uniform(0.7, 0.95)) if clear else 1.0, width=_RIM,
+            light=np.array([0.5, -0.7, -0.5]))
         depth = max(0.15, of.distance - 0.2)
         self._film = plane(depth, None, rng.uniform(0.15, 0.4), 0.1, rng.uniform(0.12, 0.3),
                            ('panes', 'clouds', 'lettering')) if self.kind == 'film' else None

@@ -19,7 +19,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
 from pmcl_ros.simulation.files import write_sequence
-from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
+from pmcl_ros.simulation.layers import Plane, TexturedMesh, laid_over, view_shifts
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings, wander
 
 SMALL = SequenceSettings(frames=12, occluded=2, size=64)
@@ -103,7 +103,7 @@ def test_a_plane_is_seen_where_its_corners_are(view):
 
 def test_a_solid_moves_from_view_to_view_by_its_depth(sequence):
     texture = np.full((768, 768, 3), 0.5, np.float32)
-    solid = Solid(sequence.model, texture, 0.1, 1.0, 1.0, 0.003, np.array([0, 0, -1.0]))
+    solid = TexturedMesh(sequence.model, texture, 0.1, 1.0, 1.0, 0.003, np.array([0, 0, -1.0]))
     depth = 0.5
     pose = pose_of(Rotation.from_rotvec([1.2, 0.3, 0]), np.array([0.0, 0.0, depth]))
     drawn, window = solid.drawn(GRID, pose, np.array([0, 0, -1.0]))
