@@ -27,7 +27,7 @@ from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError, RenderError
-from pmcl_ros.simulated_robot.trial import Grip, Picture, Trial
+from pmcl_ros.simulated_robot.trial import Grip, ManipulationTrial, Picture
 from pmcl_ros.simulated_robot.wrist_eyes import RENDERERS, wrist_eye
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
@@ -81,7 +81,8 @@ class SimulatedRobot(Node):
         self._carried: Pose | None = None
         self._began, self._epoch = time.monotonic(), self.get_clock().now().nanoseconds
         self._spent = {'rendering': 0.0, 'physics': 0.0}
-        self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
+        self.trial = ManipulationTrial(seed=options.seed, place=options.place,
+                                       stands=self._task.stands)
         self._pose = self.create_publisher(PoseStamped, 'camera_pose', SMALL)
         self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
         self.create_service(GetPlan, '~/plan', self._plan)
@@ -219,7 +220,7 @@ class SimulatedRobot(Node):
     def _note(self, **what: object) -> None:
         self.trial = self.trial.model_copy(update=what)
 
-    def judge(self) -> Trial:
+    def judge(self) -> ManipulationTrial:
         """The trial, once the executive has ended."""
         self._cell.wait(1.0)
         done = bool(self._cell.standing_on_tray)

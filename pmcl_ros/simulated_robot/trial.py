@@ -38,8 +38,8 @@ class Grip(Settings):
     moved: float | None = Field(None, description='how far the object had moved since [mm]')
 
 
-class Trial(Settings):
-    """One trial. All of it is the simulator's truth, which the nodes never see."""
+class ManipulationTrial(Settings):
+    """One trial of manipulation. All of it is the simulator's truth, which the nodes never see."""
 
     seed: int
     place: str
@@ -58,7 +58,7 @@ class Trial(Settings):
                                     'command without these')
 
     @classmethod
-    def read(cls, path: Path) -> 'Trial':
+    def read(cls, path: Path) -> 'ManipulationTrial':
         """FileError and SettingsError for what is no trial."""
         return cls.make(read_json(path), str(path))
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pmcl_ros.evaluation.recall import interval
-from pmcl_ros.simulated_robot.trial import Trial
+from pmcl_ros.simulated_robot.trial import ManipulationTrial
 
 HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose',
         'off at the grasp, median [mm]', '[degrees]', 'largest touch [N]',
@@ -13,7 +13,7 @@ HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose',
 _TIME = 'to the grasp'
 
 
-def rows(trials: Sequence[Trial]) -> list[list[str]]:
+def rows(trials: Sequence[ManipulationTrial]) -> list[list[str]]:
     """A row of HEAD for all trials, and for those of each start of an object in a sink."""
     groups = [('all', list(trials))]
     if any(each.place == 'sink' for each in trials):
@@ -23,7 +23,7 @@ def rows(trials: Sequence[Trial]) -> list[list[str]]:
     return [[f'{name_of}, {name}', *_row(those)] for name, those in groups if those]
 
 
-def causes(trials: Sequence[Trial]) -> list[str]:
+def causes(trials: Sequence[ManipulationTrial]) -> list[str]:
     """Why trials failed, with their seeds."""
     failed: dict[str, list[str]] = {}
     for each in trials:
@@ -33,7 +33,7 @@ def causes(trials: Sequence[Trial]) -> list[str]:
             for cause, seeds in sorted(failed.items())]
 
 
-def _row(trials: Sequence[Trial]) -> list[str]:
+def _row(trials: Sequence[ManipulationTrial]) -> list[str]:
     done = [not each.cause for each in trials]
     low, high = interval(done)
     off = np.array([grip.off for each in trials for grip in each.grips if grip.off is not None

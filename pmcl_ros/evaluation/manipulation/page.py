@@ -18,14 +18,14 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
-from pmcl_ros.simulated_robot.trial import Trial
+from pmcl_ros.simulated_robot.trial import ManipulationTrial
 
 _HEIGHT = 180  # px of a picture
 
 
-def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], given: Sequence[Trial],
-         folders: Sequence[Path], model: ObjectModel, pinhole: Pinhole,
-         liquids: Sequence[Interface]) -> str:
+def page(title: str, about: Mapping[str, str], seen: Sequence[ManipulationTrial],
+         given: Sequence[ManipulationTrial], folders: Sequence[Path], model: ObjectModel,
+         pinhole: Pinhole, liquids: Sequence[Interface]) -> str:
     """The text of the HTML file.
 
     seen: trials by what the robot saw; folders of each, and liquids, in the robot's frame. given:
@@ -41,18 +41,18 @@ def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], given: Seq
         trials=shown, tank=any(each.place == 'tank' for each in seen), version=__version__)
 
 
-def _words(trial: Trial) -> str:
+def _words(trial: ManipulationTrial) -> str:
     start = 'floating' if trial.place == 'tank' else 'standing' if trial.stands else 'lying'
     return f'{start}, {trial.cause or "done"}'
 
 
-def _caption(trial: Trial) -> str:
+def _caption(trial: ManipulationTrial) -> str:
     poses = [f'{mm:.1f} mm, {degrees:.1f} degrees' for mm, degrees in trial.poses]
     return (f'What the camera saw; the outline is of the pose at which it grasped. Errors of the '
             f'poses from two views on: {"; ".join(poses) or "none was found"}. {trial.said}')
 
 
-def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole,
+def _pictures(trial: ManipulationTrial, folder: Path, model: ObjectModel, pinhole: Pinhole,
               liquid: Interface) -> Markup:
     """All pictures of a trial in a row."""
     pose = np.reshape(trial.grips[-1].pose, (4, 4)) if (

@@ -27,7 +27,7 @@ from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
-from pmcl_ros.simulated_robot.trial import Grip, Trial
+from pmcl_ros.simulated_robot.trial import Grip, ManipulationTrial
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
 from pmcl_ros.simulation.lytro.camera import F01_RAW, LytroCamera
@@ -122,14 +122,14 @@ class Series:
         self.out.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(of, indent=1))
 
-    def run(self, seed: int) -> Trial:
+    def run(self, seed: int) -> ManipulationTrial:
         """The trial of a seed, with nodes of its own; one that is there already is read.
 
         Raises SimulationError when a program ends that should not, OutputError where a file is
         there that no earlier run wrote.
         """
         if self.file(seed).is_file():
-            return Trial.read(self.file(seed))
+            return ManipulationTrial.read(self.file(seed))
         place = self.file(seed).parent
         if self.camera == F01_RAW:
             write_calibration(self._calibration, WIDE_F01, self.force)
@@ -139,7 +139,7 @@ class Series:
             with self._graph(seed, place):
                 return self._trial(seed, place)
 
-    def run_by_truth(self, seed: int) -> Trial:
+    def run_by_truth(self, seed: int) -> ManipulationTrial:
         """The same task where the robot is given the true pose: what physics and planner allow."""
         began = time.monotonic()
         model, gripper, grasps = GraspFile.read(self.grasps)
@@ -151,12 +151,12 @@ class Series:
             return Sight(cell.object_pose, ranker.rank(cell.object_pose, _EXACT).candidates)
 
         outcome = pick_and_place(cell, model, look)
-        return Trial(seed=seed, place=self.place, stands=task.stands, by_truth=True,
-                     grips=(Grip(gap=cell.gap, held=outcome.held, off=(0.0, 0.0)),)
-                     if outcome.held or outcome.cause == 'slip' else (),
-                     largest_touch=outcome.largest_touch, done=outcome.placed,
-                     said=outcome.cause, status=0 if outcome.placed else 1,
-                     times={'physics': time.monotonic() - began})
+        grips = ((Grip(gap=cell.gap, held=outcome.held, off=(0.0, 0.0)),)
+                 if outcome.held or outcome.cause == 'slip' else ())
+        return ManipulationTrial(
+            seed=seed, place=self.place, stands=task.stands, by_truth=True, grips=grips,
+            largest_touch=outcome.largest_touch, done=outcome.placed, said=outcome.cause,
+            status=0 if outcome.placed else 1, times={'physics': time.monotonic() - began})
 
     def file(self, seed: int) -> Path:
         """Where the trial of a seed is."""
@@ -203,7 +203,7 @@ class Series:
             'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed',
                            'shoulder': list(_SHOULDER)}}
 
-    def _trial(self, seed: int, place: Path) -> Trial:
+    def _trial(self, seed: int, place: Path) -> ManipulationTrial:
         log = place / 'robot.log'
         with log.open('w') as output:
             robot = subprocess.Popen(
@@ -218,7 +218,7 @@ class Series:
         finally:
             _end(robot)
         try:
-            trial = Trial.read(place / 'robot.json')
+            trial = ManipulationTrial.read(place / 'robot.json')
         except FileError:
             raise SimulationError(f'the robot wrote no trial: {_tail(log)}') from None
         trial = trial.model_copy(update={'status': status, 'said': said})

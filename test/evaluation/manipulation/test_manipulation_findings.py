@@ -9,7 +9,7 @@ from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.resources import resolve
-from pmcl_ros.simulated_robot.trial import Grip, Trial
+from pmcl_ros.simulated_robot.trial import Grip, ManipulationTrial
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS
 
 RIGHT = Grip(gap=0.07, held=True, off=(2.0, 1.0))
@@ -18,7 +18,7 @@ TURNED = Grip(gap=0.07, held=True, off=(2.0, 90.0))
 
 
 def trial(seed=0, **what):
-    return Trial(seed=seed, **({'place': 'sink', 'stands': True} | what))
+    return ManipulationTrial(seed=seed, **({'place': 'sink', 'stands': True} | what))
 
 
 @pytest.mark.parametrize(('what', 'cause'), [
@@ -56,7 +56,7 @@ def test_a_trial_is_read_back(tmp_path):
     path = tmp_path / 'trial.json'
     written = trial(7, grips=(RIGHT,), poses=((3.0, 1.0),), times={'physics': 2.0})
     path.write_text(written.model_dump_json())
-    assert Trial.read(path) == written
+    assert ManipulationTrial.read(path) == written
 
 
 @pytest.mark.parametrize(('place', 'done', 'start'), [
