@@ -158,3 +158,10 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
         return read_yaml_file(path)
     except FileError as error:
         raise SettingsError(str(error)) from None
+
+
+def suggest(name: str, kind: type[Settings]) -> str:
+    """The end of a sentence about a name that is no field of `kind`."""
+    close = get_close_matches(name, kind.model_fields, 1)
+    known = ', '.join(kind.model_fields)
+    return f'; did you mean {close[0]!r}?' if close else f' (known: {known})'

@@ -150,6 +150,19 @@ def test_the_pose_is_where_a_grasp_pipeline_wants_it(tmp_path, user, write):
         assert not user.node.get_publishers_info_by_topic('/pose')
 
 
+@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'two'])
+def test_what_a_file_gives_to_all_nodes_is_told_of_none(tmp_path, user, write, how):
+    mount = tmp_path / 'mount.yaml'
+    mount.write_text('/**: {ros__parameters: {mount_parent: wrist, mount_rpy: [0.1, 0.2, 0.3]}}')
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--views', 'rest', '--without',
+                 'dlv_node', *how, '--ros-args', '--params-file', mount, '-p', 'labels:=9'
+                 ) as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        assert "mount_parent='wrist'" in chain.log
+        assert "'labels' is none of pmcl_node, it is one of dlv_node: without" in chain.log
+    assert "'mount_" not in chain.log
+
+
 def test_a_parameter_file_for_a_misspelt_node_is_refused(tmp_path):
     file = tmp_path / 'parameters.yaml'
     file.write_text('dlv_nod: {ros__parameters: {labels: 5}}')

@@ -11,9 +11,8 @@ from typing import Any
 import yaml
 
 from pmcl_ros.nodes.graph import ALL, NodeEntry
-from pmcl_ros.nodes.runtime.parameters import suggest
 from pmcl_ros.runtime.errors import SettingsError
-from pmcl_ros.runtime.settings import read_yaml
+from pmcl_ros.runtime.settings import read_yaml, suggest
 
 _VALUES = 'ros__parameters'
 _WILD = ('*', '**')
@@ -50,6 +49,13 @@ def check_parameter_file(path: Path | str, node: str = '') -> list[str]:
 def parameter_files(arguments: Sequence[str]) -> list[str]:
     """The files that a command line names."""
     return [file for before, file in pairwise(arguments) if before == '--params-file']
+
+
+def given_to_all(arguments: Sequence[str]) -> set[str]:
+    """Names of the parameters that the files of a command line give to nodes of any name."""
+    return {name for file in parameter_files(arguments)
+            for section, values in _sections(file, read_yaml(file), '')
+            if section.rpartition('/')[2] in _WILD for name in values}
 
 
 @contextmanager

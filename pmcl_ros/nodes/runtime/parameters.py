@@ -4,7 +4,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
@@ -25,8 +24,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pmcl_ros.nodes.graph import ALL
+from pmcl_ros.nodes.runtime.parameter_file import given_to_all
 from pmcl_ros.runtime.errors import PmclError, SettingsError
-from pmcl_ros.runtime.settings import Settings, default_of
+from pmcl_ros.runtime.settings import Settings, default_of, suggest
 
 OVERRIDES = 'qos_overrides.'  # rclpy's own prefix
 _TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
@@ -42,6 +42,7 @@ class Parameters:
     def __init__(self, node: Node, kind: type[Settings]) -> None:
         self._node, self._kind = node, kind
         self._refused: dict[str, str] = {}
+        self._to_all = given_to_all(sys.argv)  # now: the files may go
         for name, field in kind.model_fields.items():
             self._declare(name, field)
         node.add_post_set_parameters_callback(self._accepted)
@@ -88,12 +89,17 @@ class Parameters:
             self._node.declare_parameter(name, default, descriptor, ignore_override=True)
 
     def _refuse_unknown(self) -> None:
-        """SettingsError for a misspelt name; one that another node has may be for all nodes."""
+        """SettingsError for a misspelt name; one that another node has may be for all nodes.
+
+        Without a word where a parameter file gives it to all: some of them are to take it.
+        """
         node, misspelt = self._node.get_name(), []
         for name in unknown_parameters(self._node):
             if name.startswith(OVERRIDES):
                 continue  # declared with their publisher or subscription
             owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+            if owners and name in self._to_all:
+                continue
             if owners:
                 self._node.get_logger().warning(
                     f'parameter {name!r} is none of {node}, it is one of {" and ".join(owners)}: '
@@ -113,13 +119,6 @@ def unknown_parameters(node: Node) -> list[str]:
     """The parameters that the node was started with but does not have."""
     # Private in rclpy 7.1, which has no public list of overrides that are not declared.
     return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
-
-
-def suggest(name: str, kind: type[Settings]) -> str:
-    """The end of a sentence about a name that is no field of `kind`."""
-    close = get_close_matches(name, kind.model_fields, 1)
-    known = ', '.join(kind.model_fields)
-    return f'; did you mean {close[0]!r}?' if close else f' (known: {known})'
 
 
 def ros_type(field: FieldInfo) -> Parameter.Type:
