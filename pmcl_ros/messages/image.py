@@ -144,8 +144,11 @@ def _tell_padding(step: int, width: int, encoding: str, values: int, channels: i
 def decompressed_from(message: CompressedImage) -> NDArray[Any]:
     """(height, width, 3) RGB, uint8 or uint16, of a JPEG, PNG or the like.
 
-    MessageError where it is none.
+    MessageError where it is none, and for a mosaic, which image_transport compresses as grey.
     """
+    if message.format.startswith('bayer'):
+        raise MessageError(f'compressed image: format {message.format!r} is a mosaic; compress '
+                           'colour images (image_proc)')
     data = bytes(message.data)
     try:
         pixels = decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)

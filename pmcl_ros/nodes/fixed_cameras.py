@@ -3,13 +3,14 @@
 import sys
 import time
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
@@ -18,7 +19,7 @@ from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.image import colours_from
+from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, TfPoses, tf2
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
@@ -29,6 +30,7 @@ from pmcl_ros.nodes.view_outputs import posed_view_outputs
 from pmcl_ros.runtime.errors import MessageError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 
+_Image: TypeAlias = Image | CompressedImage
 _GROUP = 'cameras'
 _CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
 _LOOK = 0.2  # s between two looks for pictures that have waited too long
@@ -52,21 +54,22 @@ class FixedCameras(StageNode):
         """Read the poses, or prepare to listen to /tf."""
         self._settings = settings
         self._tf, self._poses = None, {}
-        if settings.camera_poses:
+        if settings.camera_poses or settings.mounted:
             self._poses = _read_poses(settings)
         elif tf2() is not None:
             self._tf = TfPoses(self, _CAMERA, settings.fixed_frame)
         else:
             raise SettingsError('camera_poses is empty, and tf2_ros cannot be imported (it is '
-                                'part of a full ROS, not on PyPI): set it to a YAML file with '
-                                '`poses` (docs/howto/tracking.md)')
+                                'part of a full ROS, not on PyPI): set it, or camera_mounts '
+                                '(docs/howto/tracking.md)')
         self._outputs = posed_view_outputs(self)
 
     def start(self) -> None:
         """Listen."""
         settings = self._settings
         self._lenses: dict[str, Lens] = {}
-        self._early: dict[str, Image] = {}  # the last picture of a camera without a lens
+        self._last: dict[str, int] = {}  # stamps [ns] of the last usable pictures
+        self._early: dict[str, _Image] = {}  # the last picture of a camera without a lens
         self._sets: ApproximateSynchronizer[_Waiting] = ApproximateSynchronizer(
             settings.cameras, round(1e9 * settings.slop))
         self._room = _MOST_WAITING
@@ -78,9 +81,11 @@ class FixedCameras(StageNode):
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE if settings.reliable
                          else ReliabilityPolicy.BEST_EFFORT)
         image = 'image_rect' if settings.rectified else 'image_raw'
+        image += '/compressed' * settings.compressed
+        kind = CompressedImage if settings.compressed else Image
         for each in settings.cameras:
             self.subscribe(CameraInfo, f'{each}/camera_info', partial(self._on_info, each), qos)
-            self.subscribe(Image, f'{each}/{image}', partial(self._on_image, each), qos)
+            self.subscribe(kind, f'{each}/{image}', partial(self._on_image, each), qos)
         self.every(_LOOK, self._join)
 
     def _on_info(self, camera: str, message: CameraInfo) -> None:
@@ -89,7 +94,7 @@ class FixedCameras(StageNode):
         if camera in self._early:
             self._add(camera, self._early.pop(camera))
 
-    def _on_image(self, camera: str, message: Image) -> None:
+    def _on_image(self, camera: str, message: _Image) -> None:
         self.health.frames_in += 1
         self.health.count(f'pictures of {camera}')
         if camera in self._lenses:
@@ -100,13 +105,15 @@ class FixedCameras(StageNode):
         if before is not None:
             raise MessageError(f'no camera_info that can be used has come on {camera}/camera_info')
 
-    def _add(self, camera: str, message: Image) -> None:
+    def _add(self, camera: str, message: _Image) -> None:
         """Add a picture to the sets; a PmclError where it cannot be used."""
         header = header_from(message.header)
         pose = (self._poses[camera] if self._tf is None
                 else self._tf.nearest(0, header.frame_id, 0))  # the newest: it does not move
+        pixels = (decompressed_from if self._settings.compressed else colours_from)(message)
         frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, full_range(
-            colours_from(message), self._settings.bits), self._lenses[camera], pose)
+            pixels, self._settings.bits), self._lenses[camera], pose)
+        self._last[camera] = header.stamp_ns
         self._sets.add(camera, frame.stamp_ns, _Waiting(frame, time.monotonic()))
         self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (
             len(self._settings.cameras) * frame.image.nbytes)))
@@ -131,10 +138,15 @@ class FixedCameras(StageNode):
 
     def _give_up(self, stamp_ns: int, missing: list[str]) -> None:
         reason = f'no usable picture of {" or ".join(missing)} within {self._settings.slop} s'
+        # Is a camera dead, or its clock another? It differs from line to line: not what is one.
+        after = {each: 1e-9 * (self._last[each] - stamp_ns) for each in missing
+                 if each in self._last}
+        last = ''.join(f'; the last of {each} is {abs(later):.3f} s '
+                       f'{"later" if later > 0 else "earlier"}' for each, later in after.items())
         self.health.dropped += 1
-        self.health.warn(reason)
+        self.health.warn(reason + last)
         if line := self._lines(f'dropped set {stamp_ns}: {reason}'):
-            self.get_logger().warning(line)
+            self.get_logger().warning(line + last)
 
     def _views(self, frames: list[SweepFrame]) -> PosedViews:
         settings, pinhole = self._settings, frames[0].lens.pinhole
@@ -144,6 +156,10 @@ class FixedCameras(StageNode):
 
 def _read_poses(settings: FixedCameraSettings) -> dict[str, NDArray[np.float64]]:
     """The pose (4, 4) of each camera; SettingsError where the file has others."""
+    if settings.mounted:
+        mounts = np.reshape(settings.camera_mounts, (-1, 6))
+        return {camera: transform(each[:3], each[3:].tolist())
+                for camera, each in zip(settings.cameras, mounts, strict=True)}
     plan = ViewPlan.load(resolve(settings.camera_poses, 'camera_poses'))
     check_frame(plan, settings.fixed_frame, settings.camera_poses)
     if len(plan.poses) != len(settings.cameras):

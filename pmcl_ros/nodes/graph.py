@@ -109,7 +109,8 @@ TOPICS = (
       for camera in ('left', 'right') for name, kind, what in (
           ('camera_info', _INFO, 'of one of `cameras`'),
           ('image_raw', _IMAGE, 'its pictures; where `rectified` is true, `image_rect`; where '
-           '`reliable` is false, best effort'))),
+           '`compressed` is true, `image_raw/compressed`, CompressedImage; where `reliable` is '
+           'false, best effort'))),
     TopicEntry('center/camera_info', _INFO, SMALL, _LIGHT_FIELD, (_PMCL,),
                'pinhole of the centre view'),
     TopicEntry('center/image', _IMAGE, SMALL, _LIGHT_FIELD, (_PMCL,),

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import ClassVar
 
+import cv2
 import numpy as np
 import pytest
 import rclpy
@@ -19,7 +20,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from test_sweep_driver import BASE, SECOND, START
 
 from pmcl_ros.geometry.header import Header
@@ -30,6 +32,7 @@ from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.pose import pose_from, pose_to_message
 from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
@@ -79,10 +82,12 @@ def settings(tmp_path, frames):
 class Camera:
     """A driver."""
 
+    kind, topic = Image, 'image_raw'
+
     def __init__(self, user, frame):
         self.user, self.frame = user, frame
         # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
-        self.image = user.publisher(Image, f'{frame.name}/image_raw', BIG)
+        self.image = user.publisher(self.kind, f'{frame.name}/{self.topic}', BIG)
         self.info = user.publisher(CameraInfo, f'{frame.name}/camera_info', BIG)
 
     def tell(self, distortion=None):
@@ -96,6 +101,18 @@ class Camera:
         image = self.frame.image if image is None else image
         header = Header(self.frame.stamp_ns + after, self.frame.name)
         self.image.publish(picture_to_message(header, image))
+        self.user.delivered(self.image)
+
+
+class CompressedCamera(Camera):
+    """A driver that offers JPEG and PNG."""
+
+    kind, topic = CompressedImage, 'image_raw/compressed'
+
+    def send(self, data, kind, after=0):
+        """data: (n,) uint8. after: [ns]."""
+        header = header_to_message(Header(self.frame.stamp_ns + after, self.frame.name))
+        self.image.publish(CompressedImage(header=header, format=kind, data=data.tobytes()))
         self.user.delivered(self.image)
 
 
@@ -199,17 +216,82 @@ def test_what_does_not_fit_is_told_once_and_the_next_set_is_published(tmp_path, 
         left.shoot(SECOND)
         right.shoot(0)
         right.shoot(SECOND)
-        user.wait(lambda: all(len(each) >= 2 for each in came), 'the views')
+        user.wait(lambda: all(len(each) == 3 for each in came), 'the views')
+        user.wait(lambda: node.log.count('published set') == 3, 'their lines')
         log = node.log
     assert equal(next(zip(*came, strict=False)), sent_by(frames, settings, 40 * SECOND))
     for reason in ('right/image_raw: no camera_info that can be used has come',
                    'right/image_raw: frame .* has 100x84 px, its camera .* 200x168',
-                   'dropped set .*: no usable picture of right within 0.01 s',
-                   'dropped set .*: no usable picture of left within 0.01 s'):
+                   'dropped set .*: no usable picture of right within 0.01 s; the last of right',
+                   'dropped set .*: no usable picture of left within 0.01 s; the last of left'):
         assert 0 < len(re.findall(reason, log)) < 4, reason  # it came more often
     published = [int(each) for each in re.findall(r'published set (\d+)', log)]
     assert published == [frames['right'].stamp_ns + number * SECOND for number in (40, 0, 1)]
     assert 'Traceback' not in log
+
+
+def test_poses_are_taken_as_the_command_writes_them(tmp_path, user, frames, settings):
+    given = {'cameras': [*frames], 'camera_mounts': [
+        float(number) for each in frames.values() for number in (
+            *each.pose[:3, 3], *Rotation.from_matrix(each.pose[:3, :3]).as_euler('xyz'))]}
+    mounts = tmp_path / 'cameras.yaml'
+    mounts.write_text(yaml.safe_dump({'/**/fixed_cameras': {'ros__parameters': given}}))
+    own = settings | {'camera_poses': ''}
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', '--ros-args', '--params-file', mounts,
+                 params=own) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        cameras = [Camera(user, each) for each in frames.values()]
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for each in cameras:
+            each.tell()
+            each.shoot()
+        user.wait(lambda: all(came), 'the views')
+    assert equal([each[0] for each in came], sent_by(frames, own))
+
+
+def test_compressed_pictures_are_taken_and_damaged_ones_told(tmp_path, user, frames, settings):
+    packed = {name: cv2.imencode(kind, each.image[..., ::-1])[1].ravel()
+              for (name, each), kind in zip(frames.items(), ('.png', '.jpg'), strict=True)}
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'compressed': True}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        left, right = (CompressedCamera(user, each) for each in frames.values())
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for each in (left, right):
+            each.tell()
+        left.send(packed['left'][:40], 'rgb8; png compressed bgr8')
+        left.send(packed['left'], 'bayer_rggb8; png compressed ')
+        user.wait(lambda: "'bayer_rggb8; png compressed ' is a mosaic" in node.log, 'its refusal')
+        left.send(packed['left'], 'rgb8; png compressed bgr8', SECOND)
+        right.send(packed['right'], 'rgb8; jpeg compressed bgr8', SECOND)
+        user.wait(lambda: all(came), 'the views')
+        log = node.log
+    assert re.search('left/image_raw/compressed: compressed image: 40 bytes of format', log)
+    shown = frames | {'right': replace(frames['right'], image=cv2.imdecode(
+        packed['right'], cv2.IMREAD_COLOR)[..., ::-1])}
+    assert equal([each[0] for each in came], sent_by(shown, settings, SECOND))
+
+
+def test_by_how_much_a_clock_is_off_is_told(tmp_path, user, frames, settings):
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'patience': 0.5}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        left, right = (Camera(user, each) for each in frames.values())
+        infos = user.listen(CameraInfo, 'posed_views/camera_info', SMALL)
+        for each in (left, right):
+            each.tell()
+        for number in range(4):
+            right.shoot(5 * SECOND + number * SECOND // 10)
+            left.shoot(number * SECOND // 10)
+        user.wait(lambda: 'no usable picture of right within 0.01 s; the last of right is 5.004 s '
+                  'later' in node.log, 'by how much it is ahead')
+        user.wait(lambda: re.search('no usable picture of left within 0.01 s; the last of left is '
+                                    r'[45].\d{3} s earlier', node.log), 'the others are late')
+        for each in (left, right):
+            each.shoot(20 * SECOND)
+        user.wait(lambda: infos, 'the next set')
+    assert [header_from(each.header).stamp_ns for each in infos] == [
+        frames['right'].stamp_ns + 20 * SECOND]
 
 
 def test_sets_that_come_too_often_are_left_out(tmp_path, user, frames, settings):
@@ -235,10 +317,14 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user, settings)
              ({'cameras': ['a', 'b', 'c']}, 'has 2 poses, there are 3 cameras (a, b, c)'),
              ({'fixed_frame': 'map'}, "is in frame 'base_link', the poses are in fixed_frame "
               "'map'"),
+             ({'camera_mounts': [0.5] * 12}, 'camera_poses and camera_mounts both say where'),
+             ({'camera_poses': '', 'camera_mounts': [0.5] * 6},
+              'camera_mounts has 6 numbers, expected 6 for each of 2 cameras (left, right)'),
              ({'camera_poses': '/nowhere.yaml'}, 'there is no /nowhere.yaml')]
     if find_spec('tf2_ros') is None:
         wrong.append(({'camera_poses': ''}, 'camera_poses is empty, and tf2_ros cannot be'))
-    good = {'cameras': ['left', 'right'], 'fixed_frame': 'base_link', 'camera_poses': shipped}
+    good = {'cameras': ['left', 'right'], 'camera_poses': shipped, 'camera_mounts': [0.0],
+            'fixed_frame': 'base_link'}
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
         for bad, reason in wrong:
             assert user.set('fixed_cameras', **(good | bad)) == []

@@ -14,6 +14,14 @@ Shrink = Annotated[int, Field(ge=1, le=32, description='side of the squares of p
                               'averaged to one [px]')]
 Gamma = Annotated[float, Field(ge=0.1, le=10, description="exponent that linearises the images' "
                                'values; 1: they are linear')]
+_SigmaPosition = Annotated[float, Field(ge=0, le=1, description='posed views: standard deviation '
+                                        "of the position of a camera's pose, on each axis [m]")]
+_SigmaRotation = Annotated[float, Field(
+    ge=0, le=3, description='posed views: of its rotation about each axis [rad]')]
+_Common = Annotated[float, Field(
+    ge=0, le=1, description='posed views: share of these variances that all views have in common, '
+    'as an error of the hand-eye transform, or of fixed cameras that were calibrated together and '
+    'then to the robot [1]')]
 _Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
 _MOST_CAMERAS = 9
 
@@ -71,14 +79,9 @@ class ViewSettings(SweepSettings):
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
                             'this number of views; where drift is set the oldest goes instead')
-    sigma_position: float = Field(
-        0.001, ge=0, le=1, description='posed views: standard deviation of the position of a '
-        "camera's pose, on each axis [m]")
-    sigma_rotation: float = Field(
-        0.0035, ge=0, le=3, description='posed views: of its rotation about each axis [rad]')
-    common: float = Field(
-        0.5, ge=0, le=1, description='posed views: share of these variances that all views have '
-        'in common, as an error of the hand-eye transform [1]')
+    sigma_position: _SigmaPosition = 0.001
+    sigma_rotation: _SigmaRotation = 0.0035
+    common: _Common = 0.5
     drift: float = Field(
         0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an '
         'object that does not rest, on each axis. The pose is that at the last view; earlier '
@@ -129,28 +132,29 @@ class FixedCameraSettings(Settings):
         ('left', 'right'), min_length=1, max_length=_MOST_CAMERAS, description='the cameras: of '
         'each NAME the topics NAME/image_raw (where rectified, NAME/image_rect) and '
         'NAME/camera_info. All views have the pinhole of the first one')
+    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
+                             'NAME/image_raw/compressed or NAME/image_rect/compressed')
     rectified: bool = Field(False, description='the images are rectified: P of camera_info '
                             'applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
                            'effort, for cameras that offer no more')
     camera_poses: str = Field('', description='path of YAML with `poses`: of each of `cameras`, '
                               'in their order, optical frame to fixed_frame, 16 numbers; empty: '
-                              'the newest transforms on /tf, of the frames that the images name')
+                              'by camera_mounts')
+    camera_mounts: tuple[float, ...] = Field(
+        (0.0,), description='the same without a file, as pmcl handeye writes them: of each camera '
+        'x, y, z [m] and roll, pitch, yaw as in URDF [rad] in fixed_frame; 0 alone: the newest '
+        'transforms on /tf, of the frames that the images name')
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
     slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
                         'set of pictures; less than half the time between two sets [s]')
     patience: float = Field(1.0, gt=0, le=100, description='longest wait of a picture for those '
-                            'of the other cameras, for camera_info and for its pose [s]')
+                            'of the other cameras [s]')
     period: float = Field(0.0, ge=0, le=1000, description='shortest time between two sets that '
                           'are published; 0: all are [s]')
-    sigma_position: float = Field(
-        0.001, ge=0, le=1, description="standard deviation of the position of a camera's pose, "
-        'on each axis [m]')
-    sigma_rotation: float = Field(
-        0.0035, ge=0, le=3, description='of its rotation about each axis [rad]')
-    common: float = Field(
-        0.0, ge=0, le=1, description='share of these variances that all cameras have in common, '
-        'as where they were calibrated together, and then to the robot [1]')
+    sigma_position: _SigmaPosition = 0.001
+    sigma_rotation: _SigmaRotation = 0.0035
+    common: _Common = 0.0
     shrink: Shrink = 1
     gamma: Gamma = 2.2
     bits: Bits = 16
@@ -159,7 +163,19 @@ class FixedCameraSettings(Settings):
     def _different(self) -> 'FixedCameraSettings':
         if len(set(self.cameras)) < len(self.cameras):
             raise ValueError(f'cameras {", ".join(self.cameras)}: one is named twice')
+        if self.mounted and self.camera_poses:
+            raise ValueError('camera_poses and camera_mounts both say where the cameras are: '
+                             'leave one of them out')
+        if self.mounted and len(self.camera_mounts) != 6 * len(self.cameras):
+            raise ValueError(f'camera_mounts has {len(self.camera_mounts)} numbers, expected 6 '
+                             f'for each of {len(self.cameras)} cameras '
+                             f'({", ".join(self.cameras)})')
         return self
+
+    @property
+    def mounted(self) -> bool:
+        """Whether camera_mounts says where the cameras are."""
+        return self.camera_mounts != (0.0,)
 
 
 def check_mounted(mount: NDArray[np.float64]) -> None:
