@@ -1,12 +1,15 @@
-"""`pmcl handeye`: where the camera is on the arm, from pictures of a board and the arm's poses."""
+"""`pmcl handeye`: where cameras are on or beside an arm, or by a board that all of them see."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import click
 import numpy as np
 import yaml
 from click.core import ParameterSource
 from numpy.typing import NDArray
+from pydantic import model_validator
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
@@ -14,13 +17,16 @@ from pmcl_ros.cli.base import FORCE, STDERR, Needed
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.runtime.errors import LightFieldError, PmclError
 from pmcl_ros.runtime.outputs import refuse_existing
 
+_File = TypeVar('_File', bound=posed_views.ViewsFile)
 _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
@@ -32,7 +38,9 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 @click.option('--square', default=0.011, show_default=True, type=float,
               help='Side of its squares [m].')
 @click.option('--fixed-camera', is_flag=True, help='The camera stands beside the arm, and the '
-              'board is on the arm.')
+              'board is on the arm. There may be several cameras.')
+@click.option('--no-robot', is_flag=True, help='Two or more cameras stand fixed and see one board '
+              'at rest, in whose frame they are given; SOURCE has no mount_to_base.')
 @click.option('--parent', default='wrist_roll_link', show_default=True,
               help='Name of the link whose poses are given.')
 @click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
@@ -41,20 +49,23 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
               'so many simulated arms, with the errors and the bound.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write mount_parent, mount_position and mount_rpy, a parameter file for '
-              'sweep_driver and grasp_node, with the covariance in a comment.')
+              'sweep_driver and grasp_node, with the covariance in a comment; of several fixed '
+              'cameras one for fixed_cameras.')
 @FORCE
-def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, parent: str,
-            shrink: int, simulate: int | None, out: Path | None, force: bool) -> None:
+def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, no_robot: bool,
+            parent: str, shrink: int, simulate: int | None, out: Path | None, force: bool
+            ) -> None:
     """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a checkerboard.
 
     SOURCE is a views.yaml, or the folder with it, whose views have `mount_to_base` in place of
-    `camera_to_reference`: the pose of the link, 16 numbers. With sigma_mm and sigma_deg the arm's
-    errors are those, else they are estimated. Prints the transform, its standard deviations and
-    what is left for each picture; pictures that do not fit are left out and named.
+    `camera_to_reference`: the pose of the link, 16 numbers; with --no-robot neither. With sigma_mm
+    and sigma_deg the arm's errors are those, else they are estimated. Prints the transform, its
+    standard deviations and what is left for each picture; pictures that do not fit are left out
+    and named.
     """
     if simulate is not None:
         _refuse('--simulate is in place of SOURCE and all that is said of it, and writes nothing',
-                'source', 'corners', 'square', 'parent', 'shrink', 'out', 'force')
+                'source', 'corners', 'square', 'no_robot', 'parent', 'shrink', 'out', 'force')
         _simulate(simulate, fixed_camera)
         return
     if source is None:
@@ -62,20 +73,74 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
                                '(docs/howto/hand_eye.md), or --simulate')
     if fixed_camera:
         _refuse('with --fixed-camera the result is the camera in the base', 'parent')
+    if no_robot:
+        _refuse('with --no-robot there is no arm', 'fixed_camera', 'parent')
     refuse_existing([] if out is None else [out], force)
-    found = calibrated(source, Checkerboard.parse(corners, square), fixed_camera, shrink)
-    _print(found, fixed_camera, parent)
+    board = Checkerboard.parse(corners, square)
+    section, comment = '/**/fixed_cameras', ''
+    if no_robot:
+        values = _at_board(source, board, shrink)
+    elif fixed_camera and len(cameras := each_camera(source)) > 1:
+        values = _beside_arm(cameras, board, shrink)
+    else:
+        found = calibrated(source, board, fixed_camera, shrink)
+        _print(found, fixed_camera, parent)
+        six = _six(found.camera)
+        values = {} if fixed_camera else {'mount_parent': parent}
+        values |= {'mount_position': six[:3], 'mount_rpy': six[3:]}
+        section, comment = '/**', ('# covariance: '
+                                   f'{[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n')
     if out is not None:
-        x, y, z = Rotation.from_matrix(found.camera[:3, :3]).as_euler('xyz').tolist()
-        values: dict[str, object] = {} if fixed_camera else {'mount_parent': parent}
-        values |= {'mount_position': found.camera[:3, 3].tolist(), 'mount_rpy': [x, y, z]}
         try:
             out.write_text(f'# pmcl handeye {source}\n' + yaml.safe_dump(
-                {'/**': {'ros__parameters': values}}, default_flow_style=None,
-                sort_keys=False) + '# covariance: '
-                f'{[float(f"{each:.3g}") for each in found.covariance.ravel()]}\n')
+                {section: {'ros__parameters': values}}, default_flow_style=None,
+                sort_keys=False) + comment)
         except OSError as error:
             raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
+
+
+def _at_board(source: Path, board: Checkerboard, shrink: int) -> dict[str, object]:
+    """Parameters of fixed_cameras in the frame of the board; printed."""
+    frame, placed = cameras_at_board(source, board, shrink)
+    for name, each in placed.items():
+        click.echo(f'{name}:')
+        _print_pose(frame, each.camera, each.covariance)
+        for file, pixels in zip(each.names, each.pixels, strict=True):
+            click.echo(f'{file}: corners {pixels:.2f} px')
+    return {'fixed_frame': frame} | _mounts(placed)
+
+
+def _beside_arm(cameras: Mapping[str, tuple[posed_views.ViewsFile, Path]], board: Checkerboard,
+                shrink: int) -> dict[str, object]:
+    """Parameters of fixed_cameras in the base of the arm; printed."""
+    found = {}
+    for name, (of, path) in cameras.items():
+        try:
+            found[name] = _calibrated(of, path, board, True, shrink)
+        except LightFieldError as error:
+            raise LightFieldError(f'{name}: {error}') from None
+        click.echo(f'{name}:')
+        _print(found[name], True, '')
+    return _mounts(found)
+
+
+def _mounts(found: Mapping[str, HandEye | CameraAtBoard]) -> dict[str, object]:
+    """Parameters of fixed_cameras, with the largest errors of all cameras and axes.
+
+    Raises SettingsError where that node would.
+    """
+    sigmas = np.sqrt([np.diag(each.covariance) for each in found.values()])
+    values = {'cameras': [*found],
+              'camera_mounts': [number for each in found.values() for number in _six(each.camera)],
+              'sigma_position': float(sigmas[:, :3].max()),
+              'sigma_rotation': float(sigmas[:, 3:].max())}
+    FixedCameraSettings.make(values, 'parameters of fixed_cameras')
+    return values
+
+
+def _six(pose: NDArray[np.float64]) -> list[float]:
+    """x, y, z [m], roll, pitch, yaw [rad]."""
+    return [*pose[:3, 3].tolist(), *Rotation.from_matrix(pose[:3, :3]).as_euler('xyz').tolist()]
 
 
 def _refuse(why: str, *names: str) -> None:
@@ -88,10 +153,76 @@ def _refuse(why: str, *names: str) -> None:
         raise click.UsageError(f'{why}: leave out {", ".join(given)}')
 
 
+class _BoardFile(posed_views.ViewsFile):
+    """views.yaml of cameras and a board that rest: no view has a pose."""
+
+    @model_validator(mode='after')
+    def _whole(self) -> '_BoardFile':
+        for each in self.views:
+            if each.camera not in self.cameras:
+                raise ValueError(f'{each.file} is of the camera {each.camera!r}, cameras has '
+                                 f'{", ".join(self.cameras) or "none"}')
+            if each.mount_to_base is not None:
+                raise ValueError(f'{each.file} has mount_to_base, a pose of an arm: say '
+                                 '--fixed-camera in place of --no-robot, or leave it out')
+        return self
+
+
+def _views_path(source: Path) -> Path:
+    return source / posed_views.NAME if source.is_dir() else source
+
+
+def _of_each(of: _File) -> dict[str, _File]:
+    """The same with the views of one camera, by its name."""
+    names = dict.fromkeys(each.camera for each in of.views)
+    return {name: of.model_copy(update={'views': [
+        each for each in of.views if each.camera == name]}) for name in names}
+
+
+def each_camera(source: Path) -> dict[str, tuple[posed_views.ViewsFile, Path]]:
+    """What `calibrated` reads of each camera, by its name. Raises SettingsError."""
+    path = _views_path(source)
+    return {name: (of, path) for name, of in _of_each(posed_views.ViewsFile.load(path)).items()}
+
+
+def cameras_at_board(source: Path, board: Checkerboard, shrink: int = 1
+                     ) -> tuple[str, dict[str, CameraAtBoard]]:
+    """The name of the board's frame, and of each camera, by its name, where it is.
+
+    Raises LightFieldError, SettingsError.
+    """
+    path = _views_path(source)
+    of, reduction = _BoardFile.load(path), Reduction(1, shrink)
+    cameras = _of_each(of)
+    if len(cameras) < 2:
+        raise LightFieldError(f'{path} has pictures of {", ".join(cameras)} alone; --no-robot '
+                              'wants two cameras or more')
+    found = {}
+    for name, each in cameras.items():
+        seen = _boards(each, path, board, reduction, set())
+        files = ', '.join(view.file for view in each.views)
+        if not seen:
+            raise LightFieldError(
+                f'{path}: no complete board of {board.columns}x{board.rows} inner corners in the '
+                f'pictures of {name} ({files}): are --corners its numbers, and is all of it in '
+                'view?')
+        pinhole = reduction.pinhole(of.cameras[name].pinhole)
+        try:
+            found[name] = camera_at_board(seen, board.points, pinhole)
+        except LightFieldError as error:
+            raise LightFieldError(f'{path}: {name}: {error}') from None
+    return of.reference if 'reference' in of.model_fields_set else 'board', found
+
+
 def calibrated(source: Path, board: Checkerboard, fixed_camera: bool, shrink: int = 1) -> HandEye:
     """Read the pictures and fit. Raises LightFieldError, SettingsError."""
-    path = source / posed_views.NAME if source.is_dir() else source
-    of, reduction = posed_views.ViewsFile.load(path), Reduction(1, shrink)
+    path = _views_path(source)
+    return _calibrated(posed_views.ViewsFile.load(path), path, board, fixed_camera, shrink)
+
+
+def _calibrated(of: posed_views.ViewsFile, path: Path, board: Checkerboard, fixed_camera: bool,
+                shrink: int) -> HandEye:
+    reduction = Reduction(1, shrink)
     without = [each.file for each in of.views if each.mount_to_base is None]
     if without:
         raise LightFieldError(f'{path}: {without[0]} has no mount_to_base, the pose of the link')
@@ -103,7 +234,22 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool, shrink: in
     if sigma is not None and len(sigmas) > 1:
         raise LightFieldError(f'{path}: sigma_mm and sigma_deg must be the same at all views, not '
                               f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
-    pictures = []
+    mounts = {each.file: np.array(each.mount_to_base, float).reshape(4, 4) for each in of.views}
+    pictures = [BoardPicture(name, seen, mounts[name]) for name, seen in
+                _boards(of, path, board, reduction, pinholes).items()]
+    try:
+        return hand_eye(pictures, board.points, pinholes.pop(), sigma, fixed_camera)
+    except LightFieldError as error:
+        raise LightFieldError(f'{path}: {error}') from None
+
+
+def _boards(of: posed_views.ViewsFile, path: Path, board: Checkerboard, reduction: Reduction,
+            pinholes: set[Pinhole]) -> dict[str, NDArray[np.float64]]:
+    """Corners (m, 2) [px] in the pictures with a complete board; others are named.
+
+    pinholes: of all pictures, more than one is refused; those of light fields are added.
+    """
+    found = {}
     for entry in track(of.views, console=STDERR, description='boards', transient=True):
         # One at a time: corners are small, all pictures at once need not fit in memory.
         view, = posed_views.views_of(of.model_copy(update={'views': [entry]}), path.parent,
@@ -114,12 +260,8 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool, shrink: in
         if seen is None:
             click.echo(f'{entry.file}: no complete board', err=True)
             continue
-        mount = np.array(entry.mount_to_base, float).reshape(4, 4)
-        pictures.append(BoardPicture(entry.file, seen, mount))
-    try:
-        return hand_eye(pictures, board.points, pinholes.pop(), sigma, fixed_camera)
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None
+        found[entry.file] = seen
+    return found
 
 
 def _check_one(path: Path, pinholes: set[Pinhole]) -> None:
@@ -131,15 +273,19 @@ def _told(sigma: tuple[float, float]) -> str:
     return f'{1e3 * sigma[0]:g} mm and {np.rad2deg(sigma[1]):g} degrees'
 
 
-def _print(found: HandEye, fixed: bool, parent: str) -> None:
-    x, y, z = 1e3 * found.camera[:3, 3]
-    roll, pitch, yaw = np.rad2deg(Rotation.from_matrix(found.camera[:3, :3]).as_euler('xyz'))
-    sigma = np.sqrt(np.diag(found.covariance))
-    click.echo(f'camera in {"the base" if fixed else parent}: ({x:.2f}, {y:.2f}, {z:.2f}) mm, '
+def _print_pose(frame: str, camera: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+    x, y, z = 1e3 * camera[:3, 3]
+    roll, pitch, yaw = np.rad2deg(Rotation.from_matrix(camera[:3, :3]).as_euler('xyz'))
+    sigma = np.sqrt(np.diag(covariance))
+    click.echo(f'camera in {frame}: ({x:.2f}, {y:.2f}, {z:.2f}) mm, '
                f'roll pitch yaw ({roll:.3f}, {pitch:.3f}, {yaw:.3f}) degrees')
     click.echo('standard deviations: '
                f'({", ".join(f"{1e3 * each:.2f}" for each in sigma[:3])}) mm, '
                f'({", ".join(f"{np.rad2deg(each):.3f}" for each in sigma[3:])}) degrees')
+
+
+def _print(found: HandEye, fixed: bool, parent: str) -> None:
+    _print_pose('the base' if fixed else parent, found.camera, found.covariance)
     click.echo(f'errors of the arm on each axis: {1e3 * found.sigma[0]:.2f} mm, '
                f'{np.rad2deg(found.sigma[1]):.3f} degrees')
     apart = local(found.closed_form[None], found.camera)[0]

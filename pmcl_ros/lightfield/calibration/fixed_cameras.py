@@ -1,0 +1,77 @@
+"""Where cameras at rest are, in the frame of a board at rest that all of them see."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, pose_of, retract
+from pmcl_ros.runtime.errors import LightFieldError
+
+_STEP = 1e-6  # m, rad: of derivatives
+_MOST_PIXELS = 2.0  # rms of the corners: more is a board that moved, or another lens
+_LEAST_NOISE = 0.01  # px, on each axis: no detector is better
+_EVIDENT = 30.0  # least difference of two poses' squared residuals, in variances of a corner
+
+
+@dataclass(frozen=True)
+class CameraAtBoard:
+    """camera: (4, 4) camera to the board. covariance: (6, 6) of it, as of `se3.retract`
+    [m^2, rad^2]. names: of the pictures. pixels: (n,) rms distances of their corners from where
+    the board is expected [px].
+    """
+
+    camera: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    names: tuple[str, ...]
+    pixels: NDArray[np.float64]
+
+
+def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
+                    pinhole: Pinhole) -> CameraAtBoard:
+    """The camera that sees the corners of a board so; camera and board rest.
+
+    pictures: by name, (m, 2) corners without distortion [px]. board: (m, 3) its corners [m]. The
+    noise of the corners is estimated from what is left of them.
+    Raises LightFieldError where no pose fits the corners, or another one, with the board tilted
+    the other way, fits nearly as well.
+    """
+    seen = np.array([*pictures.values()])
+    corners, points = seen.reshape(-1, 2), np.tile(board, (len(seen), 1))
+    _, turns, places, _ = cv2.solvePnPGeneric(board, seen.mean(axis=0), pinhole.matrix,
+                                              np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    poses = []
+    for each in zip(turns, places, strict=True):
+        turn, place = cv2.solvePnPRefineLM(points, corners, pinhole.matrix, np.zeros(4), *each)
+        poses.append(inverse(pose_of(Rotation.from_rotvec(turn.ravel()),
+                                     place.ravel().astype(float))))
+
+    def residuals(camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, m, 2) px."""
+        back = inverse(camera)
+        return np.asarray(pinhole.project(board @ back[:3, :3].T + back[:3, 3]) - seen)
+
+    squares = [float(np.square(residuals(each)).sum()) for each in poses]
+    best = int(np.argmin(squares))
+    camera, left = poses[best], residuals(poses[best])
+    pixels = np.sqrt(np.square(left).sum(axis=2).mean(axis=1))
+    if not pixels.max() < _MOST_PIXELS:
+        raise LightFieldError(
+            f'{[*pictures][int(pixels.argmax())]}: the corners are {pixels.max():.1f} px off: did '
+            'board and camera rest, and is the calibration of this camera and resolution?')
+    variance = max(squares[best] / (left.size - 6), _LEAST_NOISE ** 2)
+    if any(np.linalg.norm(other[:3, :3] - camera[:3, :3]) > np.deg2rad(1)
+           and square - squares[best] < _EVIDENT * variance
+           for other, square in zip(poses, squares, strict=True)):
+        raise LightFieldError(
+            f'{", ".join(pictures)}: the board fits nearly as well tilted the other way: tilt it, '
+            'or bring it nearer')
+    ahead, behind = (retract(camera, way * _STEP * np.eye(6)) for way in (1, -1))
+    slopes = np.stack([(residuals(one) - residuals(other)).ravel() / (2 * _STEP)
+                       for one, other in zip(ahead, behind, strict=True)], axis=1)
+    return CameraAtBoard(camera, variance * np.linalg.inv(slopes.T @ slopes),
+                         tuple(pictures), pixels)

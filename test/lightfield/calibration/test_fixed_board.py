@@ -1,0 +1,188 @@
+"""Cameras at rest that see one board at rest: against truth, its bound, and drawn pictures."""
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from scipy import stats
+from test_hand_eye import BOARD, picture_of_board
+
+from pmcl_ros.cli import main
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, local, pose_of, transform
+from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
+from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
+from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
+from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file
+from pmcl_ros.runtime.errors import LightFieldError
+
+PINHOLES = {'left': Pinhole(640, 480, 600, 600, 320, 240),
+            'right': Pinhole(720, 540, 640, 640, 352, 274)}
+NOISE = 0.2  # px
+
+
+def board_at(distance, *rpy):
+    """(4, 4) board to camera: its middle on the optical axis [m]; angles [degrees]."""
+    pose = transform([0, 0, 0], np.deg2rad(rpy))
+    return pose_of(pose[:3, :3], [0, 0, distance] - pose[:3, :3] @ BOARD.points.mean(axis=0))
+
+
+SEEN = {'left': board_at(0.5, 25, -15, 10), 'right': board_at(0.6, -20, 30, 170)}
+
+
+def corners(pose, pinhole, rng, count):
+    """By name, corners [px] of a board in so many pictures."""
+    exact = pinhole.project(BOARD.points @ pose[:3, :3].T + pose[:3, 3])
+    return {f'{number}.png': exact + rng.normal(0, NOISE, exact.shape) for number in range(count)}
+
+
+@pytest.mark.parametrize('count', [1, 4])
+@pytest.mark.parametrize('name', PINHOLES)
+def test_errors_are_those_that_are_told(name, count):
+    trials, pose, rng = 200, SEEN[name], np.random.default_rng(3)
+    truth, total, sizes = inverse(pose), 0.0, []
+    for _ in range(trials):
+        found = camera_at_board(corners(pose, PINHOLES[name], rng, count), BOARD.points,
+                                PINHOLES[name])
+        off = local(found.camera[None], truth)[0]
+        total += off @ np.linalg.solve(found.covariance, off)
+        sizes.append(found.pixels)
+        assert len(found.pixels) == count
+    # The variance of the corners is estimated: Fisher's distribution, which is chi-squared nearly.
+    low, high = stats.chi2.ppf([0.001, 0.999], 6 * trials)
+    assert low < total < high * 1.05
+    free = 1 - 6 / (2 * len(BOARD.points) * count)  # the fit takes six of them
+    assert np.mean(np.square(sizes)) == pytest.approx(2 * NOISE ** 2 * free, rel=0.02)
+
+
+def test_more_pictures_are_surer():
+    rng, pinhole = np.random.default_rng(5), PINHOLES['left']
+    one, nine = (camera_at_board(corners(SEEN['left'], pinhole, rng, count), BOARD.points, pinhole)
+                 for count in (1, 9))
+    ratio = np.sqrt(np.diag(one.covariance) / np.diag(nine.covariance))
+    assert ratio == pytest.approx(np.full(6, 3), rel=0.3)
+
+
+def test_a_board_that_may_be_tilted_either_way_is_refused():
+    rng, pinhole = np.random.default_rng(6), PINHOLES['left']
+    seen = corners(board_at(4.0, 8, 0, 0), pinhole, rng, 1)
+    with pytest.raises(LightFieldError, match='fits nearly as well tilted the other way'):
+        camera_at_board(seen, BOARD.points, pinhole)
+
+
+def test_a_board_that_moved_is_refused():
+    rng, pinhole = np.random.default_rng(7), PINHOLES['left']
+    seen = corners(SEEN['left'], pinhole, rng, 2)
+    seen['1.png'] = seen['1.png'] + 10
+    with pytest.raises(LightFieldError, match=r'png: the corners are \d+\.\d px off: did board'):
+        camera_at_board(seen, BOARD.points, pinhole)
+
+
+@pytest.fixture(scope='module')
+def taken(tmp_path_factory):
+    """A folder of pictures of a board by two cameras."""
+    folder, views = tmp_path_factory.mktemp('board'), []
+    for name, pose in SEEN.items():
+        for number in range(2):
+            file = f'{name}{number}.png'
+            noise = np.random.default_rng(number).normal(0, 2, (PINHOLES[name].height,
+                                                                PINHOLES[name].width))
+            picture = picture_of_board(pose, PINHOLES[name]) + noise
+            cv2.imwrite(str(folder / file), np.clip(picture, 0, 255).astype(np.uint8))
+            views.append({'file': file, 'camera': name})
+    cameras = {name: {'fx': each.fx, 'cx': each.cx, 'cy': each.cy, 'width': each.width,
+                      'height': each.height} for name, each in PINHOLES.items()}
+    (folder / 'views.yaml').write_text(yaml.safe_dump({'cameras': cameras, 'views': views}))
+    return folder
+
+
+def handeye(*arguments):
+    return CliRunner().invoke(main, ['handeye', *map(str, arguments), '--square', '0.02'])
+
+
+def test_the_command_writes_what_fixed_cameras_takes(taken, tmp_path):
+    out = tmp_path / 'cameras.yaml'
+    result = handeye(taken, '--no-robot', '-o', out)
+    assert result.exit_code == 0, result.output
+    assert result.output.count('.png: corners 0.') == 4
+    assert result.output.count('camera in board: ') == 2
+    assert check_parameter_file(out) == []
+    written = yaml.safe_load(out.read_text())
+    settings = FixedCameraSettings.make(written['/**/fixed_cameras']['ros__parameters'])
+    assert settings.cameras == ('left', 'right')
+    assert settings.fixed_frame == 'board'
+    for mount, pose in zip(np.reshape(settings.camera_mounts, (2, 6)), SEEN.values(), strict=True):
+        off = local(transform(mount[:3], mount[3:])[None], inverse(pose))[0]
+        assert (abs(off[:3]) < 4 * settings.sigma_position).all()
+        assert (abs(off[3:]) < 4 * settings.sigma_rotation).all()
+    assert settings.sigma_position < 1e-3
+
+
+def changed(taken, folder, change):
+    """The folder with another views.yaml."""
+    values = yaml.safe_load((taken / 'views.yaml').read_text())
+    for each in values['views']:
+        each['file'] = str(taken / each['file'])
+    change(values['views'])
+    (folder / 'views.yaml').write_text(yaml.safe_dump(values))
+    return folder
+
+
+def test_what_cannot_be_is_refused_in_one_line(taken, tmp_path):
+    def blank(views):
+        for number in (2, 3):
+            views[number]['file'] = str(tmp_path / f'blank{number}.png')
+            cv2.imwrite(views[number]['file'], np.full((540, 720), 90 + number, np.uint8))
+
+    cases = [
+        (lambda views: views.__delitem__(slice(2, None)), (), 'has pictures of left alone'),
+        (blank, (), r'no complete board of 10x7 inner .* of right \(.*blank2'),
+        (lambda _: None, ('--corners', '9x8'), r'no complete board of 9x8 inner .* of left'),
+        (lambda _: None, ('--corners', '9x7'), 'looks the same upside down'),
+        (lambda views: views[1].update(camera='top'), (), "is of the camera 'top', cameras has"),
+        (lambda views: views[1].update(mount_to_base=np.eye(4).ravel().tolist()), (),
+         'has mount_to_base, a pose of an arm: say --fixed-camera'),
+        (lambda _: None, ('--fixed-camera',), 'leave out --fixed-camera')]
+    for change, more, reason in cases:
+        result = handeye(changed(taken, tmp_path, change), '--no-robot', *more)
+        assert result.exit_code != 0
+        told = [each for each in result.output.splitlines() if 'no complete board' not in each
+                or 'inner corners' in each]
+        assert len([each for each in told if 'rror' in each]) == 1, result.output
+        assert re.search(reason, result.output.replace('\n', ' ')), result.output
+
+
+def test_several_cameras_beside_an_arm_are_written_too(tmp_path):
+    rng = np.random.default_rng(8)
+    arms = {name: simulated_arm(rng, count=12, sigma=(2e-4, 5e-4), fixed_camera=True)
+            for name in ('left', 'right')}
+    views = []
+    for name, arm in arms.items():
+        for each in arm.pictures:
+            pose = _board_to_camera(each.corners, arm)
+            file = f'{name}{each.name}.png'
+            cv2.imwrite(str(tmp_path / file), picture_of_board(pose, arm.pinhole))
+            views.append({'file': file, 'camera': name,
+                          'mount_to_base': each.mount_to_base.ravel().tolist()})
+    pinhole = arms['left'].pinhole
+    camera = {'fx': pinhole.fx, 'cx': pinhole.cx, 'cy': pinhole.cy, 'width': 640, 'height': 480}
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump({
+        'cameras': dict.fromkeys(arms, camera), 'views': views}))
+    out = tmp_path / 'cameras.yaml'
+    result = handeye(tmp_path, '--fixed-camera', '-o', out)
+    assert result.exit_code == 0, result.output
+    written = yaml.safe_load(out.read_text())
+    settings = FixedCameraSettings.make(written['/**/fixed_cameras']['ros__parameters'])
+    assert 'fixed_frame' not in settings.model_fields_set  # the user knows the base's name
+    for mount, arm in zip(np.reshape(settings.camera_mounts, (2, 6)), arms.values(), strict=True):
+        off = local(transform(mount[:3], mount[3:])[None], arm.camera)[0]
+        assert np.linalg.norm(off[:3]) < 2e-3
+        assert np.linalg.norm(off[3:]) < np.deg2rad(0.2)
+
+
+def _board_to_camera(seen, arm):
+    _, turn, place = cv2.solvePnP(arm.board, seen, arm.pinhole.matrix, np.zeros(4))
+    return pose_of(cv2.Rodrigues(turn)[0], place.ravel())
