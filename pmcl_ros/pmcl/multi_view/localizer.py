@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
-from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import rotate_covariance
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
@@ -23,6 +23,7 @@ from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis,
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
+from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
@@ -278,15 +279,14 @@ class MultiViewLocalizer(Closing):
 
         used: number of those that see any of it. Where the object is lost, its middle counts.
         """
-        given, what = len(evidence.views), 'the region of interest'
+        cameras = [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
+        given, center, what = len(cameras), self._settings.roi_center, 'the region of interest'
         if is_lost and used == given:
             what = f'the middle of {what}'
-            used = sum(_sees(each, self._settings.roi_center) for each in evidence.views)
+            used = sum(sees(*each, center) for each in cameras)
         if used < (given if is_lost else given / 2):
-            _LOG.warning(
-                '%d of %d views see %s: are their poses in metres, from the camera to the frame '
-                'of the region, quaternions in the order x, y, z, w, and is the origin of the '
-                'mesh in the region? (pmcl --verbose tells why of each)', used, given, what)
+            _LOG.warning('%d of %d views see %s: %s (pmcl --verbose tells why of each)', used,
+                         given, what, likely_mistake(cameras, center))
 
     def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
         """(k, 4, 4) proposals of some views, in the frame of the first.
@@ -325,16 +325,6 @@ class _Asked:
     beside: Beside | None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
-
-
-def _sees(view: PosedEvidence, place: tuple[float, float, float]) -> bool:
-    """Whether a place in the reference frame [m] is in a view's picture."""
-    camera, pinhole = view.camera_to_reference, view.evidence.pinhole
-    before = (np.array(place) - camera[:3, 3]) @ camera[:3, :3]
-    if before[2] <= 0:
-        return False
-    pixel = pinhole.project(before[None])[0] + 0.5
-    return bool((pixel >= 0).all() and (pixel < (pinhole.width, pinhole.height)).all())
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
@@ -166,16 +167,23 @@ def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
         else:
             seen[number] = region
     if not seen:
-        odd = next((each for each, _ in cameras if each.off_middle > 0.5), None)
         raise LocalizationError(
             f'none of the {len(cameras)} views sees the region of interest at '
             f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
-            f'{frame_id!r}: ' + (
-                'are poses and region of the same frame, in metres, and the poses from the camera '
-                '(z forward) to that frame?' if odd is None else
-                f'the principal point ({odd.cx:g}, {odd.cy:g}) is outside of {odd.width}x'
-                f'{odd.height} px: is the calibration of another resolution?'))
+            f'{frame_id!r}: {_why_unseen(cameras, settings.roi_center)}')
     return seen
+
+
+def _why_unseen(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+                center: tuple[float, float, float]) -> str:
+    """The likely reason why no camera sees a region with this middle, or a question."""
+    if any(sees(*each, center) for each in cameras):
+        return ('its middle is in view, but it reaches to the cameras or behind them: make it '
+                'smaller')
+    odd = next((each for each, _ in cameras if each.off_middle > 0.5), None)
+    return likely_mistake(cameras, center) if odd is None else (
+        f'the principal point ({odd.cx:g}, {odd.cy:g}) is outside of {odd.width}x{odd.height} px: '
+        'is the calibration of another resolution?')
 
 
 def size_in_view(diameter: float, center: tuple[float, float, float], pinhole: Pinhole,

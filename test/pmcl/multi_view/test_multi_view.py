@@ -142,7 +142,7 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
     assert 'views see the region' not in caplog.text
     mostly_blind = replace(blind, views=(blind.views[0], blind.views[0], blind.views[1]))
     assert found(CUP, mostly_blind, progress=lambda _: False) is not None
-    assert '1 of 3 views see the region of interest: are their poses in metres' in caplog.text
+    assert '1 of 3 views see the region of interest: ' in caplog.text
     caplog.clear()
     nothing = map_seen(np.zeros((4 * COARSE.height, 4 * COARSE.width), bool), COARSE, 0.3, 0.6)
     lost = replace(blind, views=(blind.views[0], *(replace(each, evidence=nothing)
@@ -155,7 +155,7 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
     assert found(CUP, replace(lost, views=views), settings(size=(0.6, 0.1, 0.14)),
                  progress=lambda _: False).lost
     assert '1 of 2 views see the middle of the region of interest' in caplog.text
-    assert 'quaternions in the order x, y, z, w, and is the origin of the mesh' in caplog.text
+    assert 'quaternions in the order x, y, z, w, and the poses from the camera' in caplog.text
     np.testing.assert_array_equal(with_blind.pose, without.pose)
     with pytest.raises(LocalizationError, match='none of the 1 views sees the region'):
         found(CUP, replace(blind, views=blind.views[:1]))
