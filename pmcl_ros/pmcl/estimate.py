@@ -99,6 +99,7 @@ class PoseEstimate:
                 **({'degrees_of_freedom': self.degrees_of_freedom}
                    if math.isfinite(self.degrees_of_freedom) else {}),
                 'score': self.score, 'lost': self.lost,
+                **({'why_lost': self._why_lost} if self._why_lost else {}),
                 **({'hidden_views': list(self.hidden)} if self.hidden else {}),
                 **({'evidence_of': self.evidence_of} if self.evidence_of else {}),
                 'modes': [{'position': each.pose[:3, 3].tolist(),
@@ -112,7 +113,8 @@ class PoseEstimate:
         found = 'lost; best hypothesis' if self.lost else 'found'
         return (f'{found} at ({x:.4f}, {y:.4f}, {z:.4f}) m, orientation xyzw '
                 f'({", ".join(f"{q:.4f}" for q in self.quaternion)}), score {self.score:.3g}, '
-                f'standard deviation ({", ".join(f"{s:.1f}" for s in sigma)}) mm{self._why_lost}')
+                f'standard deviation ({", ".join(f"{s:.1f}" for s in sigma)}) mm'
+                + (f'; {self._why_lost}' if self._why_lost else ''))
 
     @property
     def _why_lost(self) -> str:
@@ -120,15 +122,15 @@ class PoseEstimate:
         if not self.lost:
             return ''
         if self.support == -math.inf:
-            return '; nothing in view looks like it'
+            return 'nothing in view looks like it'
         if self.evidence < self.least_evidence:
-            return (f'; lost as its contour has {self.evidence:.2f} nat/px of evidence, '
+            return (f'lost as its contour has {self.evidence:.2f} nat/px of evidence, '
                     f'{self.least_evidence:.2f} are needed')
         if self.support < self.least_support:
-            return (f'; lost as the weakest part of its contour has {self.support:.2f} nat/px of '
+            return (f'lost as the weakest part of its contour has {self.support:.2f} nat/px of '
                     f'evidence, {self.least_support:.2f} are needed')
         if self.modes and self.modes[0].weight < self.least_weight:
-            return (f'; lost as other poses are as likely: this one has '
+            return (f'lost as other poses are as likely: this one has '
                     f'{100 * self.modes[0].weight:.0f} % of the posterior; has it a symmetry to '
                     'declare?')
         return ''

@@ -50,3 +50,4 @@ def test_a_line_for_people(numbers, word, why):
     line = replace(make(), **numbers).describe()
     assert line.startswith(f'{word} at (0.1000, -0.0200, 0.5000) m, ')
     assert line.endswith(f'score 123, standard deviation (1.0, 2.0, 3.0) mm{why}')
+    assert replace(make(), **numbers).as_dict().get('why_lost', '') == why.removeprefix('; ')
