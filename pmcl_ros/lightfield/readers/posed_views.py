@@ -167,7 +167,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
     folder: that their files are relative to. name: of the list, for errors. Pictures are PNG,
     JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
-    Warnings tell of a principal point far from the middle, and of one pose of all views. Raises
+    Warnings tell of a principal point far from the middle, of a distortion that folds the picture,
+    and of one pose of all views. Raises
     SettingsError or LightFieldError saying which file or value is wrong.
     """
     if reduction.every != 1:
@@ -189,6 +190,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     if odd:
         camera, pinhole = next(iter(odd.items()))
         _warn_odd(camera, pinhole, len(odd) - 1)
+    for camera in dict.fromkeys(each.camera for each in of.views if each.camera):
+        _warn_folded(camera, of.cameras[camera].lens)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
@@ -206,6 +209,14 @@ def _warn_odd(camera: str, pinhole: Pinhole, others: int) -> None:
                  'the calibration of another resolution?', camera,
                  f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
                  pinhole.height)
+
+
+@cache
+def _warn_folded(camera: str, lens: Lens) -> None:
+    if lens.folds:
+        _LOG.warning('camera %r: its distortion, %s %s, shows different directions at one place '
+                     'of the picture: are the coefficients of another model, or in another order?',
+                     camera, lens.model, list(lens.distortion))
 
 
 def _check_no_copies(of: ViewsFile, views: Sequence[PosedView], name: str) -> None:
@@ -257,6 +268,18 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
         raise LightFieldError(f'{path}: {error}') from None
 
 
+def _another_size(camera: ViewCamera, width: int, height: int) -> str:
+    """What to do with a picture of another size than its camera's."""
+    if (height, width) == (camera.width, camera.height):
+        return ('the camera was calibrated with turned pictures; these are read as they are '
+                'stored, whatever EXIF orientation they have: turn the files')
+    if width * camera.height != height * camera.width:
+        return 'give the calibration of this size'
+    fit = camera.pinhole.resized(width, height)
+    return (f'if the whole picture was resized, its calibration is fx {fit.fx:g}, fy {fit.fy:g}, '
+            f'cx {fit.cx:g}, cy {fit.cy:g}')
+
+
 def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Reduction
              ) -> PosedView:
     """What a camera's file shows, without distortion, in the frame of the camera."""
@@ -265,10 +288,8 @@ def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Re
     try:
         if (width, height) != (camera.width, camera.height):
             raise LightFieldError(
-                f'it has {width}x{height} px, its camera {name!r} {camera.width}x{camera.height}'
-                + (': the camera was calibrated with turned pictures; these are read as they are '
-                   'stored, whatever EXIF orientation they have: turn the files'
-                   if (height, width) == (camera.width, camera.height) else ''))
+                f'it has {width}x{height} px, its camera {name!r} {camera.width}x{camera.height}: '
+                + _another_size(camera, width, height))
         if min(width, height) // reduction.shrink < LEAST_SIDE:
             raise LightFieldError(f'it has {width}x{height} px' + (
                 f', shrunk by {reduction.shrink}' if reduction.shrink > 1 else '')

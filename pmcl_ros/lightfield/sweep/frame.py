@@ -1,6 +1,6 @@
 """One picture of a sweep with its camera and its pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -13,6 +13,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 DistortionModel = Literal['plumb_bob', 'rational_polynomial', 'equidistant']
 _COUNTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14), 'equidistant': (0, 4)}
+_COARSE = 64  # px: directions that are tried, across and down
 _SIGMA = 1.0  # px: smooths pixel noise, which motion does not blur
 _RIGID = 1e-4  # tolerance of orthogonality: poses in messages are rounded
 
@@ -38,9 +39,12 @@ class Lens:
                                   'first')
         if (len(self.distortion) not in _COUNTS[self.model]
                 or not np.isfinite(self.distortion).all()):
+            others = [name for name, counts in _COUNTS.items() if len(self.distortion) in counts
+                      and name != self.model]
             raise LightFieldError(
                 f'{self.model} distortion {list(self.distortion)} has {len(self.distortion)} '
-                f'coefficients; expected {" or ".join(map(str, _COUNTS[self.model]))} numbers')
+                f'coefficients; expected {" or ".join(map(str, _COUNTS[self.model]))} numbers'
+                + ''.join(f'; so many are of {name}' for name in others))
 
     def places(self, turn: NDArray[np.float64], wanted: Pinhole
                ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -58,6 +62,18 @@ class Lens:
                 self.pinhole.matrix, distortion, turn, wanted.matrix, size, cv2.CV_32FC1)
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
 
+    @property
+    def folds(self) -> bool:
+        """Whether the image would show different directions at one place, as no lens does.
+
+        Of the directions that the pinhole sees.
+        """
+        pinhole = self.pinhole.resized(_COARSE, _COARSE)
+        x, y = replace(self, pinhole=pinhole).places(np.eye(3), pinhole)
+        turned = np.diff(x, axis=1)[:-1] * np.diff(y, axis=0)[:, :-1] < (
+            np.diff(x, axis=0)[:, :-1] * np.diff(y, axis=1)[:-1])
+        inside = (x >= 0) & (x <= _COARSE - 1) & (y >= 0) & (y <= _COARSE - 1)
+        return bool((turned & inside[:-1, :-1]).any())
 
     def undistorted(self, picture: NDArray[np.float32], wanted: Pinhole) -> NDArray[np.float32]:
         """The picture (height, width, 3), 0 to 1, that a pinhole at its place sees.

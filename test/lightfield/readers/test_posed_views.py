@@ -226,7 +226,10 @@ def camera(**values):
 @pytest.mark.parametrize(('change', 'reason'), [
     (view(file='no.png'), 'there is no .*no.png'),
     (view(file='views.yaml'), 'is no picture'),
-    (camera(width=61), "one.png: it has 60x44 px, its camera 'wrist' 61x44$"),
+    (camera(width=61), "one.png: it has 60x44 px, its camera 'wrist' 61x44: give the calibration "
+     'of this size$'),
+    (camera(width=30, height=22), "'wrist' 30x22: if the whole picture was resized, its "
+     'calibration is fx 100, fy 102, cx 61.5, cy 42.5$'),
     (camera(width=HEIGHT, height=WIDTH), "has 60x44 px, its camera 'wrist' 44x60: the camera was "
      'calibrated with turned pictures; .* whatever EXIF orientation they have: turn the files$'),
     (camera(model='barrel'), r"cameras.wrist.model: .*'plumb_bob', 'rational_polynomial' or"),
@@ -306,3 +309,10 @@ def test_other_sources_are_read_as_before(tmp_path):
     np.testing.assert_array_equal(found.views, read_light_field(tmp_path / 'a.npz').views)
     with pytest.raises(LightFieldError, match='there is no'):
         read_source(tmp_path / 'no')
+
+
+def test_a_distortion_that_folds_the_picture_is_told(tmp_path, caplog):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8))
+    changed(folder, **camera(distortion=[-5.0, 0.02, 0, 0]))
+    read_source(folder)
+    assert "camera 'wrist': its distortion, plumb_bob [-5.0, 0.02, 0.0, 0.0], shows" in caplog.text

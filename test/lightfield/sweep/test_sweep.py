@@ -234,11 +234,21 @@ def test_the_window_is_all_seen(seed):
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'model': 'thin_prism'}, "'thin_prism' is not known"),
     ({'distortion': (0.1, 0.2)}, 'has 2 coefficients'),
+    ({'distortion': (0.1,) * 8}, 'has 8 coefficients; .*; so many are of rational_polynomial$'),
     ({'distortion': (0.1, 0.2, np.nan, 0)}, 'expected 0 or 4 or 5 numbers'),
 ])
 def test_lenses_that_are_none_are_refused(changes, reason):
     with pytest.raises(LightFieldError, match=reason):
         Lens(PINHOLE, **changes)
+
+
+@pytest.mark.parametrize(('distortion', 'model', 'folds'), [
+    ((), 'plumb_bob', False), ((-0.3, 0.1, 1e-3, -1e-3, -0.02), 'plumb_bob', False),
+    ((0.4, 0.2, 0, 0), 'plumb_bob', False), ((-0.01, 0.003, 0, 0), 'equidistant', False),
+    ((-5.0, 0.02, 0, 0), 'plumb_bob', True), ((0.0, 0, 2.0, 2.0), 'plumb_bob', True)])
+def test_a_distortion_that_no_lens_has_is_known(distortion, model, folds):
+    wide = replace(PINHOLE, fx=0.6 * PINHOLE.width, fy=0.6 * PINHOLE.width)
+    assert Lens(wide, distortion, model).folds is folds
 
 
 @pytest.mark.parametrize(('changes', 'reason'), [
