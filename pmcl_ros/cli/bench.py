@@ -17,7 +17,7 @@ _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'drive
 @click.argument('name', type=click.Choice(sorted(_MODULES)))
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 @click.option('--back-end', type=click.Choice(['auto', 'numba', 'gl']), default='numba',
-              show_default=True, help='What computes the volume; of dlv alone.')
+              show_default=True, help='For dlv: what computes the volume.')
 def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     """Time a stage against its plain form, run beside it.
 

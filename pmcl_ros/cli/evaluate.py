@@ -50,35 +50,36 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
 @click.argument('captures', type=Needed('pmcl scenes render makes captures with truth: '
                                         'docs/howto/evaluation.md', folder=True))
 @click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
-              help='Calibration of the camera of raw pictures, YAML, or the name of that camera.')
-@click.option('--white', type=WHITE, help='White image, or a folder of such; default: those in '
+              help='For raw pictures: calibration of the camera, a YAML file or the name given to '
+              'pmcl calibrate --camera.')
+@click.option('--white', type=WHITE, help='White image, or a folder of white images; default: '
               'CAPTURES/white.')
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Without --calibration: inner corners of the checkerboard in CAPTURES.')
 @click.option('--square', default=0.011, show_default=True, type=float,
-              help='Without --calibration: side of its squares [m].')
+              help='Without --calibration: side of the squares of the checkerboard [m].')
 @click.option('--modes', default='default', show_default=True, help='Rows of the tables, '
               'separated by commas: default; faithful, the filter of the paper; edges, map, by '
-              'that evidence; centre, map-centre, by that of the centre view alone; '
-              'map-no-sides, map-no-directions, map-one-depth, map-inside: contour maps without '
-              'a part of what they tell, or with the inside.')
+              'this evidence alone; centre, map-centre, by edges or map of the centre view alone; '
+              'map-no-sides, map-no-directions, map-one-depth, by the map without this part; '
+              'map-inside, by the map with the inside of solids.')
 @click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help='One more row, the '
-              "default with other values of the search's or the volume's parameters; row=faithful "
-              'among them: that with other values.')
+              "default with other values of the search's or the volume's parameters; with "
+              'row=faithful, that row with other values.')
 @click.option('--sweep', 'sweeps', multiple=True, metavar='KEY=VALUE,VALUE,...', help='One more '
               'row for each value, and a drawing of accuracy over time.')
 @click.option('--trials', type=click.IntRange(1), default=10, show_default=True, help='Seeds.')
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
 @click.option('--wrong-objects', is_flag=True, help='Search each capture also for the objects '
-              'of the others, with each seed for another one: they should be lost.')
+              'of other captures, with each seed for another object: they should be lost.')
 @click.option('--object-id', 'object_ids', multiple=True, type=click.IntRange(0), metavar='N',
-              help='Of a BOP data set: only this object.')
-@click.option('--views', type=click.IntRange(1), help='Of a BOP data set whose cameras have '
-              'poses: pictures that are localised together.  [default: 5]')
-@click.option('--targets', type=FILE, help='Of a BOP data set: only the pictures and objects of '
-              'this list, as test_targets_bop19.json.')
-@click.option('--processes', type=click.IntRange(1, 256), help='Default: as many as there are '
-              'cores. With 1 the times are those of a quiet machine.')
+              help='For a BOP data set: only this object.')
+@click.option('--views', type=click.IntRange(1), help='For a BOP data set whose cameras have '
+              'poses: number of pictures that are localised together.  [default: 5]')
+@click.option('--targets', type=FILE, help='For a BOP data set: only the pictures and objects '
+              'of this list, as test_targets_bop19.json.')
+@click.option('--processes', type=click.IntRange(1, 256), help='Default: the number of cores. '
+              'Times are reliable with 1 only, on a quiet machine.')
 @click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
               "(results.md), poses in BOP's format (bop_*.csv), charts (PNG) and what they were "
               'made with (settings.json).')
@@ -94,10 +95,10 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     CAPTURES may be of a BOP data set too: a scene with scene_camera.json and scene_gt.json, or a
     folder of scenes. Without camera poses each picture is localised alone.
 
-    Without --calibration the camera is calibrated first, from the pictures of a checkerboard that
-    lie there too. A picture may be whatever `pmcl localize` takes: what is not raw needs none.
+    A picture may be whatever `pmcl localize` takes. Raw pictures need a calibration: without
+    --calibration the camera is calibrated first, from the checkerboards in CAPTURES.
 
-    Ctrl-C ends it, with the tables of what has been done so far and exit status 130.
+    Ctrl-C ends it with exit status 130, and prints the tables of the finished trials.
     """
     chosen = _read_by(given, select(_find(captures, object_ids, views, targets), only, captures),
                       captures)

@@ -28,10 +28,10 @@ from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
-@click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx, that which '
-              'the package ships say; by default with random weights.')
+@click.option('--start', type=FILE, help='Network to begin with: a contour_map.onnx, for '
+              'example the shipped one. Default: random weights.')
 @click.option('--rate', type=click.FloatRange(1e-7, 1), default=TrainingPlan.rate,
-              show_default=True, help='Learning rate: less with --start, 0.0001 say.')
+              show_default=True, help='Learning rate; less with --start, for example 0.0001.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
               bfloat16: bool, start: Path | None, rate: float, force: bool) -> None:

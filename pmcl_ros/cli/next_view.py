@@ -24,12 +24,12 @@ from pmcl_ros.runtime.errors import SettingsError
 @click.option('--object', 'object_path', type=OBJECT, help='A mesh, or an object YAML.')
 @OBJECT_ID
 @region_options
-@click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '
-              '16 numbers each. Default: a cap about the views there are.')
+@click.option('--candidates', type=FILE, help='YAML file with `poses`: camera to the reference '
+              'frame, 16 numbers each. Default: a cap about the present views.')
 @click.option('--cap', 'degrees', type=click.FloatRange(1, 360), default=CAP, show_default=True,
-              help='Of the default candidates: the angle that they span [deg].')
+              help='Angle that the default candidates span [deg].')
 @click.option('--count', type=click.IntRange(1, 10_000), default=CANDIDATES, show_default=True,
-              help='Of the default candidates.')
+              help='Number of default candidates.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def next_view(source: GivenSource, object_path: Path | None, object_id: int | None,
@@ -38,8 +38,8 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
 
     Prints the largest standard deviation of the position now, and with a view from each of the
-    best five candidates, whose cameras' poses count as uncertain as that of the first view. Exit
-    status 3: the object is lost, and no view can be chosen.
+    five best candidates. The camera pose of a candidate counts as uncertain as that of the first
+    view. Exit status 3: the object is lost, and no view can be chosen.
     """
     if candidates is not None and (degrees, count) != (CAP, CANDIDATES):
         raise click.UsageError('--cap and --count are of the default candidates: leave them out, '

@@ -22,15 +22,15 @@ _UP = 0.0, 0.0, 1.0
 @click.command()
 @view_options
 @click.option('--box', 'boxes', multiple=True, type=(int, float, float, float, float),
-              metavar='VIEW X Y W H', help='The object in a view: its number, from 0, then left, '
-              'top, width and height [px] in the undistorted picture, before --shrink. Give it '
+              metavar='VIEW X Y W H', help='The object in a view: number of the view, from 0, then '
+              'left, top, width and height [px] in the undistorted picture, before --shrink. Give it '
               'for two views at least.')
 @click.option('--points', multiple=True, type=(int, str), metavar='VIEW "X,Y ..."',
-              help='In place of --box: points on its outline, topmost, lowest, left and right.')
+              help='In place of --box: the topmost, lowest, left and right points of the outline.')
 @click.option('--up', type=(float, float, float), default=_UP, show_default=True,
-              help='About the direction of its axis in the reference frame.')
+              metavar='X Y Z', help='Approximate direction of the axis in the reference frame.')
 @click.option('--height', type=click.FloatRange(0, 2, min_open=True), metavar='METRES',
-              help='Of the object, where it is known; then one view is enough.')
+              help='Height of the object, if known; one view is then enough.')
 @click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
               help='The object YAML; the mesh is written beside it.')
 @click.option('--mesh', 'kind', type=click.Choice(['stl', 'obj', 'ply']), default='stl',

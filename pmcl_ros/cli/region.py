@@ -16,19 +16,19 @@ from pmcl_ros.pmcl.settings import WIDEST, PmclSettings
 
 _OPTIONS = (
     click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
-                 help="Box that holds the object's origin: centre and size, camera's optical "
-                 'frame (of posed views: their reference frame) [m].'),
+                 help="Box that holds the object's origin: centre and size, in the camera's "
+                 'optical frame, or in the reference frame of posed views [m].'),
     click.option('--depths', type=float, nargs=2, metavar='NEAR FAR', help='In place of --roi: '
-                 'all that is in view between two depths; of several views what all of them see '
+                 'all that is in view between two depths; with several views, in all of them '
                  '[m].'),
     click.option('--table', type=float, nargs=6, metavar='X Y Z NX NY NZ', help='In place of '
-                 '--roi: what stands on a table in view, by a point of it and its normal, which '
-                 'points up, in the frame of --roi [m]; between --depths, if given.'),
+                 '--roi: what stands on a table in view. Give a point of the table and its '
+                 'upward normal, in the frame of --roi [m]. --depths limits it.'),
     click.option('--tilt', type=click.FloatRange(0, 180), nargs=2, metavar='LEAST MOST',
-                 help='Angles between --up and what is up of the object that are possible: 0 '
-                 '30 of what stands, 70 110 of what lies [deg].'),
-    click.option('--up', type=float, nargs=3, metavar='X Y Z', help='Direction that --tilt is to, '
-                 'in the frame of --roi; by default the normal of --table.'))
+                 help="Possible angles between --up and the object's up: 0 30 for an object that "
+                 'stands, 70 110 for one that lies [deg].'),
+    click.option('--up', type=float, nargs=3, metavar='X Y Z', help='Direction from which --tilt '
+                 'is measured, in the frame of --roi. Default: the normal of --table.'))
 
 
 @dataclass(frozen=True)

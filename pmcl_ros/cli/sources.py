@@ -44,37 +44,42 @@ _OF_BAGS = ('.mcap', '.db3')
 _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 _OF_RAW = (
     click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
-                 help="Of a raw picture: the camera's calibration, YAML, or the name that pmcl "
-                 'calibrate --camera gave it.'),
-    click.option('--white', type=WHITE, help="Of a raw picture: the camera's white image, "
-                 'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
-                 'the picture is chosen.'))
+                 help="For a raw picture: the camera's calibration, a YAML file or the name given "
+                 'to pmcl calibrate --camera.'),
+    click.option('--white', type=WHITE, help="For a raw picture: the camera's white image "
+                 '(RAW[.xz] with its TXT), or a folder of white images, from which the one that '
+                 'fits the picture is chosen.'))
 _OF_READING = (
     click.option('--every', type=click.IntRange(1), default=1, metavar='K',
-                 help='Of a light field: each K-th view alone.'),
+                 help='For a light field: read only each K-th view.'),
     click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
-                 help='Of a light field or an ordinary picture: make NxN pixels one.'),
+                 help='For a light field or ordinary pictures: average NxN pixels into one.'),
     click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
-                 help='Of a COLMAP model, which has no metric scale: metres a unit.'),
+                 help='For a COLMAP model, which has no metric scale: metres per unit.'),
     click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
-                 metavar='NAME NAME METRES', help='Of a COLMAP model, in place of '
-                 '--scale: the distance between the cameras of two pictures.'),
-    click.option('--image-topic', metavar='TOPIC', help="Of a robot's bag, where there are "
-                 'several: ' + (BagViews.model_fields['image_topic'].description or '')),
-    click.option('--pose-topic', metavar='TOPIC', help='Likewise: '
+                 metavar='NAME NAME METRES', help='For a COLMAP model, in place of '
+                 '--scale: two pictures, and the distance between their cameras.'),
+    click.option('--image-topic', metavar='TOPIC', help="For a robot's bag: "
+                 + (BagViews.model_fields['image_topic'].description or '')),
+    click.option('--pose-topic', metavar='TOPIC', help="For a robot's bag: "
                  + (BagViews.model_fields['pose_topic'].description or '')),
-    click.option('--collect', type=FILE, help="Of a robot's bag: YAML with parameters of "
+    click.option('--collect', type=FILE, help="For a robot's bag: YAML file with parameters of "
                  'sweep_driver (near, gap, mount_position, fixed_frame, ...).'))
 _OF_POSES = (
-    click.option('--sigma-mm', type=click.FloatRange(0, 1e4), metavar='MM', help='Of posed views: '
-                 "standard deviation of the position of a camera's pose on each axis, as "
-                 'sigma_mm of views.yaml, and in place of it. A COLMAP model and a BOP scene '
-                 'state none: there it is 0 by default.'),
-    click.option('--sigma-deg', type=click.FloatRange(0, 180), metavar='DEG', help='Likewise: of '
-                 'its rotation about each axis.'),
-    click.option('--common', type=click.FloatRange(0, 1), metavar='SHARE', help='Of the variances '
-                 'of --sigma-mm and --sigma-deg: what all views have in common. Default: as '
-                 'SOURCE states it; else none.'))
+    click.option('--sigma-mm', type=click.FloatRange(0, 1e4), metavar='MM', help='For posed '
+                 'views: standard deviation of the position of each camera pose, on each axis. It '
+                 'replaces sigma_mm of views.yaml. A COLMAP model and a BOP scene state none: the '
+                 'default is 0 there.'),
+    click.option('--sigma-deg', type=click.FloatRange(0, 180), metavar='DEG', help='For posed '
+                 'views: the same of the rotation, about each axis.'),
+    click.option('--common', type=click.FloatRange(0, 1), metavar='SHARE', help='For posed views: '
+                 'share of the variances of --sigma-mm and --sigma-deg that all views have in '
+                 'common. Default: that of SOURCE, else 0.'))
+
+
+OBJECT_ID = click.option(
+    '--object-id', type=click.IntRange(0), metavar='N', help='For a BOP scene, in place of '
+    "--object: the data set's object N, models/obj_00000N.ply in millimetres.")
 
 
 class Opened(NamedTuple):

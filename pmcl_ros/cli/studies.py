@@ -98,22 +98,22 @@ def figures(folder: Path, only: str | None, tables: bool, force: bool) -> None:
 @click.option('--count', type=click.IntRange(1), default=20, show_default=True, help='Vessels.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='Vessel k is that of seed + k.')
-@click.option('--camera', type=ORDINARY, help='As of `pmcl scenes render`; default: 640x480 px, '
+@click.option('--camera', type=ORDINARY, help='As for `pmcl scenes render`; default: 640x480 px, '
               'fx 600.')
 @click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
               help='Rays per pixel.')
-@click.option('--cad', is_flag=True, help='Find them with their true meshes too.')
-@click.option('--height', is_flag=True, help='Tell their heights, with errors of 0.5 mm.')
+@click.option('--cad', is_flag=True, help='Find the vessels with their true meshes too.')
+@click.option('--height', is_flag=True, help='Give the heights of vessels, with errors of 0.5 mm.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
 @FORCE
 def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad: bool,
                    height: bool, processes: int, out: Path | None, force: bool) -> None:
-    """Measure generated vessels as `pmcl profile`, and find them by that in other scenes.
+    """Measure generated vessels as `pmcl profile` does, and find them in other scenes.
 
-    Prints a row for each vessel: largest and mean deviation of the profile and its expected
+    Prints a row for each vessel: largest and mean deviation of the profile, and its expected
     standard deviation [mm]; the errors of its pose in three views of another scene, with the
-    measured mesh and, with --cad, the true one, in brackets where it is lost.
+    measured mesh and, with --cad, the true mesh. Errors of a lost vessel are in brackets.
     """
     written = None if out is None else results_in(out, force).path('profile_errors.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
@@ -127,15 +127,15 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='Scene k is that of seed + k.')
 @click.option('--objects', type=click.IntRange(2, 5), default=3, show_default=True,
-              help='In each scene; one more is looked for, which is not there.')
+              help='Objects in each scene; one more is looked for, which is not there.')
 @click.option('--views', type=click.IntRange(3), default=5, show_default=True,
               help='Side of the square of views, odd.')
 @click.option('--size', type=click.IntRange(16), default=328, show_default=True,
               help='Side of a view [px].')
 @click.option('--samples', type=click.IntRange(1), default=1, show_default=True,
               help='Rays per pixel and view.')
-@click.option('--cameras', metavar='PLAN', help='In posed views of an ordinary camera of 640x480 '
-              'px, as of `pmcl scenes render`: arc:3:40; else in a light field.')
+@click.option('--cameras', metavar='PLAN', help='Posed views of an ordinary camera of 640x480 px, '
+              'as for `pmcl scenes render`: arc:3:40. Default: a light field.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for a picture of each scene, and the table.')
 @FORCE
@@ -144,7 +144,7 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     """Localise the objects of scenes in which some hide others: jointly, and each alone.
 
     Prints a row for each scene: errors of the origins in mm, in brackets where the object is
-    reported as lost. Two of the objects overlap in the image at least; some are copies.
+    reported as lost. At least two of the objects overlap in the image; some are copies.
     """
     settings = SceneSettings.make({'views': views, 'size': size, 'near': 0.5, 'far': 0.8},
                                   'pmcl together')
@@ -200,29 +200,29 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='Scene k is that of seed + k.')
 @click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS), default=['glass'],
-              show_default=True, help='Of the scenes; may be repeated.')
-@click.option('--camera', type=ORDINARY, help='As of `pmcl scenes render`; default: 640x480 px, '
+              show_default=True, help='Kind of the scenes; may be repeated.')
+@click.option('--camera', type=ORDINARY, help='As for `pmcl scenes render`; default: 640x480 px, '
               'fx 600.')
 @click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
               help='Rays per pixel.')
 @click.option('--apart', type=click.FloatRange(0, 180, min_open=True), default=10.0,
               show_default=True, help='Angle between the first two views [deg].')
 @click.option('--cap', type=click.FloatRange(1, 360), default=CAP, show_default=True,
-              help='As of `pmcl next-view`.')
+              help='As for `pmcl next-view`.')
 @click.option('--candidates', type=click.IntRange(1, 10_000), default=CANDIDATES,
-              show_default=True, help='On this cap.')
+              show_default=True, help='Number of candidates on this cap.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for the table (view_gain.md).')
 @FORCE
 def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None, samples: int,
               apart: float, cap: float, candidates: int, processes: int, out: Path | None,
               force: bool) -> None:
-    """Look at generated scenes twice, then from where `pmcl next-view` says, and anywhere else.
+    """Compare the next view of `pmcl next-view` with a random one, in generated scenes.
 
     Prints a row for each scene: the error by two views, by these and the best candidate, and by
-    these and a random one, each ± the largest standard deviation of the position, and
-    that which was expected before the view was taken [mm]. Candidates beyond the table or the
-    wall are left out.
+    these and a random candidate. Each has the largest standard deviation of the position after ±,
+    and the one expected before the view was taken [mm]. Candidates beyond the table or the wall
+    are left out.
     """
     written = None if out is None else results_in(out, force).path('view_gain.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)

@@ -62,13 +62,14 @@ class DlvSettings(Settings):
                              description='number of depth labels of the edge volume [labels]')
 
     layers: LayersFrom = Field(
-        'volume', description='where the two-layer picture is from: volume, the maxima of the '
-        'likelihood; joint, where that has only one, also a joint fit of two layers to all views, '
-        'which separates them far below a pixel per view step; a volume then takes 2 to 3.5 '
-        'times as long')
+        'volume', description='source of the two-layer picture: volume, the maxima of the '
+        'likelihood; joint, also a joint fit of two layers to all views, where the likelihood '
+        'has one maximum only. The fit separates layers far below a pixel per view step; a '
+        'volume then takes 2 to 3.5 times as long')
     back_end: BackEnd = Field(
         'auto', description='what makes the volume: numba, on the processor; gl, compute shaders; '
-        'auto, gl where OpenGL runs on a GPU, else numba. phase has one form of its own')
+        'auto, gl where OpenGL runs on a GPU, else numba. Interpolation phase has a form '
+        'of its own, and refuses gl')
 
     @model_validator(mode='after')
     def _ordered(self) -> 'DlvSettings':

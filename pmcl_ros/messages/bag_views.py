@@ -43,9 +43,9 @@ _APART = 1_000_000_000  # ns: recordings of images and poses begin and end toget
 class BagViews(SweepDriverSettings):
     """The parameters of `sweep_driver` that make posed views, and the topics of the bag."""
 
-    image_topic: str = Field('', description='of the images, plain or compressed; camera_info is '
-                             'beside it; empty: the only one, or the one called image')
-    pose_topic: str = Field('', description='of the poses of the camera: PoseStamped, or /tf; '
+    image_topic: str = Field('', description='topic of the images, plain or compressed, with '
+                             'camera_info beside it; empty: the only one, or the one called image')
+    pose_topic: str = Field('', description='topic of the camera poses, PoseStamped or /tf; '
                             'empty: the only one, or the one called camera_pose')
 
     @model_validator(mode='before')

@@ -23,7 +23,8 @@ class PmclNodeSettings(TrackingSettings):
         False, description="publish the frame of the object on /tf, as a child of the camera's, "
         'for each pose; a listener that comes later gets the last one; needs tf2_msgs (full '
         'ROS)')
-    object_frame: str = Field('', description='name of that frame; empty: that of the object')
+    object_frame: str = Field('', description="frame of the object on /tf; empty: the object's "
+                              'name')
     detections: Literal['auto', 'always', 'never'] = Field(
         'auto', description='publish detections (vision_msgs/Detection3DArray); auto: where '
         'vision_msgs is installed')
@@ -32,8 +33,8 @@ class PmclNodeSettings(TrackingSettings):
         'planning scene; auto: where moveit_msgs is installed')
     objects: tuple[str, ...] = Field(
         ('',), description='paths of several objects that are looked for together, instead of '
-        'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'
-        'pose and objects/NAME/pose_with_covariance, and frame')
+        'object; a path that is there twice means two copies. Each object has its own frame, and '
+        'the topics objects/NAME/pose and objects/NAME/pose_with_covariance')
 
     @property
     def several(self) -> tuple[str, ...]:

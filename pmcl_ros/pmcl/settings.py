@@ -25,7 +25,7 @@ class PmclSettings(Settings):
 
     mode: Mode = Field(
         'default', description='default: global search by contour evidence; faithful: the '
-        'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
+        'particle filter of the paper; for its whole method set interpolation to phase, truncate '
         'to true and view_weights to equal in dlv_node too')
     evidence: EvidenceKind = Field(
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
@@ -68,7 +68,7 @@ class PmclSettings(Settings):
         'views, contour maps and what is in water are always scored by numba')
     seed: int = Field(
         0, ge=0, le=2 ** 31 - 1,
-        description='of the random numbers: the same seed gives the same pose')
+        description='seed of the random numbers: the same seed gives the same pose')
     proposals: int = Field(
         600, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
     particles: int = Field(192, ge=2, le=100_000, description='default mode: particles')
@@ -79,8 +79,8 @@ class PmclSettings(Settings):
         default_factory=lambda: learned_contour().least_support, ge=-5, le=5,
         description='default mode: mean evidence along the weakest fifth of the contour, less a '
         'nat for each pixel out of view, estimated by the share of vertices in view [nat / px]; '
-        'the object is lost below it. Left at the default, that of the evidence is taken, and '
-        'of several views what these need (docs/concepts/lost.md)')
+        'the object is lost below it. At the default the threshold is that of the evidence in '
+        'use, and several views may need more (docs/concepts/lost.md)')
     faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
     faithful_iterations: int = Field(
         500, ge=1, le=100_000, description='faithful mode: iterations at most')
@@ -88,9 +88,11 @@ class PmclSettings(Settings):
         0.01, gt=0, le=10, description='faithful mode: the search ends when the mean weight, that '
         'is the mean likelihood, passes this')
     faithful_sigma_translation: float = Field(
-        0.005, gt=0, le=1, description='faithful mode: of the perturbation along x, y, z [m]')
+        0.005, gt=0, le=1, description='faithful mode: standard deviation of the '
+        'perturbation along x, y, z [m]')
     faithful_sigma_rotation: float = Field(
-        0.05, gt=0, le=3, description='faithful mode: of the perturbation about x, y, z [rad]')
+        0.05, gt=0, le=3, description='faithful mode: standard deviation of the '
+        'perturbation about x, y, z [rad]')
 
     @property
     def interface(self) -> Interface | None:

@@ -120,7 +120,7 @@ def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path, f
                            ) -> None:
     """Write the calibration of simulated captures from their truth.json files.
 
-    Needs that of a CAPTURE and that of the WHITE image.
+    CAPTURE and WHITE are the truth.json of a capture and of the white image.
     """
     refuse_existing([out], force)
     Calibration.from_truth(capture, white, serial).save(

@@ -38,7 +38,7 @@ _SAMPLES = {F01: 12, F01_RAW: 1}  # an F01's view has a third of the pixels: as 
               show_default=True, help="fast: the package's own; physical: path tracing, extra "
               "'simulate', which needs hundreds of samples below water.")
 @click.option('--samples', type=click.IntRange(1), show_default='4; of f01 12; of a raw pixel 1',
-              help='Rays or paths of a pixel.')
+              help='Rays or paths per pixel.')
 @click.option('--undeclared', is_flag=True, help='Do not tell pmcl_node where the surface of the '
               'water is.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')

@@ -52,12 +52,12 @@ _CLEARANCE = 0.02  # m: between an object and the camera, at least
 
 _OPTIONS = (
     click.argument('thing', metavar='OBJECT', type=OBJECT),
-    click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as of '
-                 f'`pmcl scenes render`; or {F01}: light fields of a camera like it; or '
+    click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as '
+                 f'for `pmcl scenes render`; or {F01}: light fields of a camera like it; or '
                  f'{F01_RAW}: its raw pictures.'),
     click.option('--region', default='0.35:0.7', show_default=True, metavar='NEAR:FAR[:SIDE]',
-                 help='Distances of the object from the camera, and the side of the box that the '
-                 'search is given holds its origin (default 0.16) [m].'),
+                 help='Distances of the object from the camera, and side of the box that is the '
+                 'region of interest (default 0.16) [m].'),
     click.option('--surroundings', multiple=True, type=click.Choice(SURROUNDINGS),
                  default=('table', 'clutter'), show_default=True, help='Where the object is; may '
                  'be repeated: scenes take turns.'),
@@ -70,11 +70,11 @@ _OPTIONS = (
         f'{name} {samples}' for name, (_, samples) in RENDERERS.items())
         + '; of a raw pixel ' + ', '.join(
             f'{name} {samples}' for name, (_, samples) in _ALONG.items()),
-        help='Rays or paths of a pixel: four times as many halve the noise.'),
+        help='Rays or paths per pixel: four times as many halve the noise.'),
     click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
                  help='Scene k is that of seed + k.'),
-    click.option('--force', is_flag=True, help='Make all anew that is there already, and '
-                 'overwrite files, whoever wrote them.'))
+    click.option('--force', is_flag=True, help='Make everything again, and overwrite files, '
+                 'whoever wrote them.'))
 
 
 _AIM_OPTIONS = (

@@ -42,11 +42,11 @@ def scenes() -> None:
 @click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS),
               help='Only this kind; may be repeated.')
 @click.option('--camera', type=CAMERA, help='An ordinary camera, YAML: width, height, fx, cx, cy, '
-              'and as you like fy, model, distortion, gamma, noise, blur. It takes one picture of '
-              'each scene; default: a light-field camera.')
-@click.option('--cameras', 'plan', metavar='PLAN', help='Of --camera: pictures of each scene from '
-              'several poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a '
-              'YAML file with these or poses, and errors of the reported poses.')
+              'optional fy, model, distortion, gamma, noise, blur. It takes one picture of '
+              'each scene. Default: a light-field camera.')
+@click.option('--cameras', 'plan', metavar='PLAN', help='With --camera: pictures of each scene '
+              'from several poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, '
+              'or a YAML file with these or poses, and errors of the reported poses.')
 @click.option('--views', type=click.IntRange(1), show_default='7; with --camera 1',
               help='Side of the square of views, odd; with --camera the number of pictures, 1.')
 @click.option('--size', type=click.IntRange(16), show_default='328',
@@ -59,11 +59,11 @@ def scenes() -> None:
               help=f"{SceneSettings.model_fields['noise'].description}; with --camera in units of "
               "that camera's")
 @click.option('--preset', type=click.Choice(list(_PRESETS)), default='standard',
-              show_default=True, help='Distributions: broad ones have other surroundings, clutter '
-              'and cameras, as those of `pmcl scenes pictures`.')
+              show_default=True, help='Distributions of scenes; broad has the surroundings, '
+              'clutter and cameras of `pmcl scenes pictures`.')
 @process_options
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
-              'Scenes that it has of the same options are kept.')
+              'Its scenes with the same options are kept.')
 @FORCE
 def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None,
                   plan: str | None, views: int | None, size: int | None, targets: int,
@@ -116,7 +116,7 @@ def _drawn(_: int, rng: np.random.Generator, sensor: Sensor | None, preset: str,
 @click.option('--no-film', is_flag=True, help='No scene has a film before the object, as with '
               '--renderer physical.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a file SEED.npz per '
-              'picture. Pictures that it has are kept.')
+              'picture. Its pictures are kept.')
 def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: str | None,
              renderer: str, no_film: bool, out: Path) -> None:
     """Write pictures of generated scenes, with the labels that a contour map is learned from."""

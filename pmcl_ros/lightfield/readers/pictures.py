@@ -26,9 +26,9 @@ _DARK = 14  # bits: an exposed picture of 16 bits has brighter values than these
 _HALF = 3  # pixels each side: a polynomial of the fifth degree through six
 
 
-Bits = Annotated[int, Field(ge=9, le=_DEEPEST, description='of a value in 16-bit pictures: 10 '
-                            'or 12 of many industrial cameras, whose white is 1023 or 4095 '
-                            '[bits]')]
+Bits = Annotated[int, Field(ge=9, le=_DEEPEST, description='bits of a value in 16-bit '
+                            'pictures: 10 or 12 for many industrial cameras, whose white is 1023 '
+                            'or 4095 [bits]')]
 
 
 @dataclass(frozen=True)

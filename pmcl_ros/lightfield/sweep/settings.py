@@ -79,9 +79,15 @@ class ViewSettings(SweepSettings):
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
                             'this number of views; where drift is set the oldest goes instead')
-    sigma_position: _SigmaPosition = 0.001
-    sigma_rotation: _SigmaRotation = 0.0035
-    common: _Common = 0.5
+    sigma_position: float = Field(
+        0.001, ge=0, le=1, description='posed views: standard deviation of the position of a '
+        "camera's pose, on each axis [m]")
+    sigma_rotation: float = Field(
+        0.0035, ge=0, le=3, description='posed views: standard deviation of the '
+        "rotation of a camera's pose, about each axis [rad]")
+    common: float = Field(
+        0.5, ge=0, le=1, description='posed views: share of these variances that all views have '
+        'in common, for example by an error of the hand-eye transform [1]')
     drift: float = Field(
         0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an '
         'object that does not rest, on each axis. The pose is that at the last view; earlier '
@@ -95,10 +101,10 @@ class SweepDriverSettings(ViewSettings):
         'grid', description='grid: parallel views on a plane, published as a light field (views); '
         'rest: a posed view wherever the camera comes to rest (posed_views); service: one for '
         'each call of ~/take; plan: one at each pose of the plan')
-    plan: str = Field('', description='path of a plan, YAML. Of a grid (pmcl sweep plan): it '
-                      'replaces rows, columns and baseline; empty: a grid where most views have a '
-                      'frame. Where collect is plan: `poses`, camera to fixed_frame, 16 numbers '
-                      'each; a frame within `apart` of one is at it')
+    plan: str = Field('', description='path of a plan, YAML. Where collect is grid: a plan of '
+                      'pmcl sweep plan, which replaces rows, columns and baseline; empty: a grid '
+                      'where most views have a frame. Where collect is plan: `poses`, camera to '
+                      'fixed_frame, 16 numbers each; a frame within `apart` of a pose is its view')
     poses: Literal['auto', 'tf', 'topic'] = Field(
         'auto', description='source of camera poses: /tf, or the topic camera_pose (PoseStamped); '
         'auto: tf where tf2_ros is installed, else topic')
@@ -138,13 +144,9 @@ class FixedCameraSettings(Settings):
                             'applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
                            'effort, for cameras that offer no more')
-    camera_poses: str = Field('', description='path of YAML with `poses`: of each of `cameras`, '
-                              'in their order, optical frame to fixed_frame, 16 numbers; empty: '
-                              'by camera_mounts')
-    camera_mounts: tuple[float, ...] = Field(
-        (0.0,), description='the same without a file, as pmcl handeye writes them: of each camera '
-        'x, y, z [m] and roll, pitch, yaw as in URDF [rad] in fixed_frame; 0 alone: the newest '
-        'transforms on /tf, of the frames that the images name')
+    camera_poses: str = Field('', description='path of a YAML file with `poses` of `cameras`, in '
+                              'their order: optical frame to fixed_frame, 16 numbers each; empty: '
+                              'the newest transforms on /tf, of the frames that the images name')
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
     slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
                         'set of pictures; less than half the time between two sets [s]')
@@ -152,9 +154,15 @@ class FixedCameraSettings(Settings):
                             'of the other cameras [s]')
     period: float = Field(0.0, ge=0, le=1000, description='shortest time between two sets that '
                           'are published; 0: all are [s]')
-    sigma_position: _SigmaPosition = 0.001
-    sigma_rotation: _SigmaRotation = 0.0035
-    common: _Common = 0.0
+    sigma_position: float = Field(
+        0.001, ge=0, le=1, description="standard deviation of the position of a camera's pose, "
+        'on each axis [m]')
+    sigma_rotation: float = Field(
+        0.0035, ge=0, le=3, description="standard deviation of the rotation of a camera's pose, "
+        'about each axis [rad]')
+    common: float = Field(
+        0.0, ge=0, le=1, description='share of these variances that all cameras have in common, '
+        'for example because they were calibrated together and then to the robot [1]')
     shrink: Shrink = 1
     gamma: Gamma = 2.2
     bits: Bits = 16

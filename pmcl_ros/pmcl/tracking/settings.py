@@ -30,9 +30,10 @@ class TrackingSettings(PmclSettings):
         1024, ge=16, le=100_000, description='tracking: poses drawn around the prediction with '
         'which the search of a capture starts')
     track_check: int = Field(
-        10, ge=0, le=100_000, description='tracking: after so many followed captures the whole '
-        'region is searched too, in case something else is followed; then after twice as many, '
-        'and so on, and whenever the evidence is weaker than usual; 0: never')
+        10, ge=0, le=100_000, description='tracking: number of followed captures after which '
+        'the whole region is searched too, in case something else is followed. The next such '
+        'search comes after twice as many, and so on, or when the evidence is weaker than usual; '
+        '0: never')
     track_camera: Literal['auto', 'topic', 'tf'] = Field(
         'auto', description='tracking camera: source of the pose of the camera: topic, '
         'PoseStamped of the optical frame on camera_pose; tf, /tf; auto, tf where tf2_ros is '
