@@ -22,9 +22,9 @@ _UP = 0.0, 0.0, 1.0
 @click.command()
 @view_options
 @click.option('--box', 'boxes', multiple=True, type=(int, float, float, float, float),
-              metavar='VIEW X Y W H', help='The object in a view: number of the view, from 0, then '
-              'left, top, width and height [px] in the undistorted picture, before --shrink. Give it '
-              'for two views at least.')
+              metavar='VIEW X Y W H', help='The object in a view: number of the view, from 0, '
+              'then left, top, width and height [px] in the undistorted picture, before '
+              '--shrink. Give it for two views at least.')
 @click.option('--points', multiple=True, type=(int, str), metavar='VIEW "X,Y ..."',
               help='In place of --box: the topmost, lowest, left and right points of the outline.')
 @click.option('--up', type=(float, float, float), default=_UP, show_default=True,
