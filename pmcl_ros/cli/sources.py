@@ -77,11 +77,6 @@ _OF_POSES = (
                  'common. Default: that of SOURCE, else 0.'))
 
 
-OBJECT_ID = click.option(
-    '--object-id', type=click.IntRange(0), metavar='N', help='For a BOP scene, in place of '
-    "--object: the data set's object N, models/obj_00000N.ply in millimetres.")
-
-
 class Opened(NamedTuple):
     """What makes or reads the source. posed: it is `PosedViews`. serial: of a Lytro."""
 

@@ -79,15 +79,9 @@ class ViewSettings(SweepSettings):
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
                             'this number of views; where drift is set the oldest goes instead')
-    sigma_position: float = Field(
-        0.001, ge=0, le=1, description='posed views: standard deviation of the position of a '
-        "camera's pose, on each axis [m]")
-    sigma_rotation: float = Field(
-        0.0035, ge=0, le=3, description='posed views: standard deviation of the '
-        "rotation of a camera's pose, about each axis [rad]")
-    common: float = Field(
-        0.5, ge=0, le=1, description='posed views: share of these variances that all views have '
-        'in common, for example by an error of the hand-eye transform [1]')
+    sigma_position: _SigmaPosition = 0.001
+    sigma_rotation: _SigmaRotation = 0.0035
+    common: _Common = 0.5
     drift: float = Field(
         0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an '
         'object that does not rest, on each axis. The pose is that at the last view; earlier '
@@ -144,9 +138,13 @@ class FixedCameraSettings(Settings):
                             'applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
                            'effort, for cameras that offer no more')
-    camera_poses: str = Field('', description='path of a YAML file with `poses` of `cameras`, in '
-                              'their order: optical frame to fixed_frame, 16 numbers each; empty: '
-                              'the newest transforms on /tf, of the frames that the images name')
+    camera_poses: str = Field('', description='path of YAML with `poses`: of each of `cameras`, '
+                              'in their order, optical frame to fixed_frame, 16 numbers; empty: '
+                              'by camera_mounts')
+    camera_mounts: tuple[float, ...] = Field(
+        (0.0,), description='the same without a file, as pmcl handeye writes them: of each camera '
+        'x, y, z [m] and roll, pitch, yaw as in URDF [rad] in fixed_frame; 0 alone: the newest '
+        'transforms on /tf, of the frames that the images name')
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
     slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
                         'set of pictures; less than half the time between two sets [s]')
@@ -154,15 +152,9 @@ class FixedCameraSettings(Settings):
                             'of the other cameras [s]')
     period: float = Field(0.0, ge=0, le=1000, description='shortest time between two sets that '
                           'are published; 0: all are [s]')
-    sigma_position: float = Field(
-        0.001, ge=0, le=1, description="standard deviation of the position of a camera's pose, "
-        'on each axis [m]')
-    sigma_rotation: float = Field(
-        0.0035, ge=0, le=3, description="standard deviation of the rotation of a camera's pose, "
-        'about each axis [rad]')
-    common: float = Field(
-        0.0, ge=0, le=1, description='share of these variances that all cameras have in common, '
-        'for example because they were calibrated together and then to the robot [1]')
+    sigma_position: _SigmaPosition = 0.001
+    sigma_rotation: _SigmaRotation = 0.0035
+    common: _Common = 0.0
     shrink: Shrink = 1
     gamma: Gamma = 2.2
     bits: Bits = 16
