@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.cli.learn import examples_of
+from pmcl_ros.cli.learning.learn import examples_of
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.geometry.pose_error import PoseError, pose_error
 from pmcl_ros.learning.contour_tables import Example

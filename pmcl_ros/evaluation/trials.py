@@ -25,7 +25,7 @@ from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.second_search import evidence_of
 
@@ -215,7 +215,7 @@ class Worker:
         truth_pose = capture.truth.pose
         if isinstance(source, PosedViews):  # errors are told in the frame of the first camera
             into = np.asarray(np.linalg.inv(source.views[0].camera_to_reference), float)
-            estimate, truth_pose = in_frame(estimate, into), into @ truth_pose
+            estimate, truth_pose = estimate.in_frame(into), into @ truth_pose
         return _trial(job, estimate, truth_pose, evidence.pinhole, model, surface,
                       seconds=seconds,
                       dlv_seconds=self._evidence.seconds,

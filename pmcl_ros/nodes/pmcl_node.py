@@ -298,21 +298,7 @@ class PmclNode(StageNode):
         name, what = self._model.name, f'capture {estimate.header.stamp_ns}'
         if isinstance(given, PosedViews):
             what = f'{len(given.views)} views, {what}'
-        values = search | {'object': name, 'mode': estimate.mode, 'score': estimate.score}
-        if estimate.modes:
-            first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
-            values |= {'support': estimate.support, 'evidence': estimate.evidence,
-                       'weight': first, 'weight of the runner-up': second}
-        if np.isfinite(estimate.degrees_of_freedom):
-            values['degrees of freedom'] = estimate.degrees_of_freedom
-        if np.isfinite(estimate.disagreement):
-            values |= {'disagreement': estimate.disagreement,
-                       'evidence beyond': estimate.beyond,
-                       'least support': estimate.least_support}
-        if estimate.hidden:
-            values['hidden views'] = ' '.join(map(str, estimate.hidden))
-        if estimate.evidence_of:
-            values['evidence of'] = estimate.evidence_of
+        values = search | {'object': name} | estimate.diagnostics()
         if self._settings.tracking != 'none' or self._posed:
             sigma = position_sigma(estimate.covariance)
             values['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import retract, rotate_covariance
 
 FOLLOWED = 'followed'  # the mode of an estimate that was found near a prediction
 
@@ -91,6 +91,14 @@ class PoseEstimate:
         return replace(self, pose=retract(self.pose, deviation[None])[0], particles=retract(
             self.particles, np.tile(deviation, (len(self.particles), 1))))
 
+    def in_frame(self, camera: NDArray[np.float64]) -> 'PoseEstimate':
+        """The same in the frame that a camera's pose (4, 4) leads to, from the camera's frame."""
+        return replace(
+            self, pose=camera @ self.pose,
+            covariance=rotate_covariance(self.covariance, camera[:3, :3]),
+            particles=camera @ self.particles,
+            modes=tuple(replace(each, pose=camera @ each.pose) for each in self.modes))
+
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON (architecture, "The command line")."""
         return {'position': self.pose[:3, 3].tolist(),
@@ -105,6 +113,24 @@ class PoseEstimate:
                 'modes': [{'position': each.pose[:3, 3].tolist(),
                            'orientation_xyzw': _quaternion(each.pose).tolist(),
                            'weight': each.weight, 'score': each.score} for each in self.modes]}
+
+    def diagnostics(self) -> dict[str, object]:
+        """What /diagnostics shows of it (docs/reference/messages.md)."""
+        values: dict[str, object] = {'mode': self.mode, 'score': self.score}
+        if self.modes:
+            first, second, *_ = [*(each.weight for each in self.modes), 0.0]
+            values |= {'support': self.support, 'evidence': self.evidence, 'weight': first,
+                       'weight of the runner-up': second}
+        if math.isfinite(self.degrees_of_freedom):
+            values['degrees of freedom'] = self.degrees_of_freedom
+        if math.isfinite(self.disagreement):
+            values |= {'disagreement': self.disagreement, 'evidence beyond': self.beyond,
+                       'least support': self.least_support}
+        if self.hidden:
+            values['hidden views'] = ' '.join(map(str, self.hidden))
+        if self.evidence_of:
+            values['evidence of'] = self.evidence_of
+        return values
 
     def describe(self) -> str:
         """One line for people."""

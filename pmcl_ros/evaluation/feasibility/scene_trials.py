@@ -20,7 +20,7 @@ from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.pipeline import Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -116,7 +116,7 @@ def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, se
         seconds = time.perf_counter() - started
         true_pose = np.asarray(target if posed else into @ target)
         gap = _gap(pipeline, run, true_pose)
-    estimate = in_frame(run.estimate, into) if posed else run.estimate
+    estimate = run.estimate.in_frame(into) if posed else run.estimate
     seen = np.asarray(into @ target)
     trial = Trial.judge(estimate, seen, model, capture=truth.name, mode=chosen.name, seed=seed,
                         seconds=seconds)

@@ -20,7 +20,6 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.joint_evidence import regions_seen
-from pmcl_ros.pmcl.multi_view.localizer import in_frame
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
 from pmcl_ros.pmcl.multi_view.view_by_view import sigmas_by_views
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -121,7 +120,7 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
                                     cap(estimate.pose, cameras, CAP, CANDIDATES),
                                     source.views[0].pinhole)
         source, region, into = source.views[number], seen[number], poses[number]
-        estimate = in_frame(estimate, into)
+        estimate = estimate.in_frame(into)
         truth = None if truth is None else replace(truth, pose=into @ truth.pose)
     else:
         region = Region(settings.roi_center, settings.roi_size)

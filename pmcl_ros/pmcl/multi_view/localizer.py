@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,19 +10,18 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.geometry.se3 import rotate_covariance
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.beside import Beside
-from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
+from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_disagreement, warn_of_unused
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
-from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
@@ -39,7 +37,6 @@ from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
-_CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
 class MultiViewLocalizer(Closing):
@@ -80,7 +77,7 @@ class MultiViewLocalizer(Closing):
         found = self._localized(evidence, rng, stages, asked)
         used = len(found.fits)
         if self._numbers is not None or not second:
-            self._tell_unused(evidence, used, found.estimate.lost)
+            warn_of_unused(evidence, self._settings.roi_center, used, found.estimate.lost)
             return found.estimate
         given = evidence
         if near is None and found.estimate.lost and stages.go_on(1.0):
@@ -88,8 +85,8 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
                 views, rng, ending, replace(asked, also=found.modes)))
-        self._tell_unused(given, used, found.estimate.lost)
-        _tell(found.fits, found.estimate.least_evidence)
+        warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
+        warn_of_disagreement(found.fits, found.estimate.least_evidence)
         return with_surface(found.estimate, evidence, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -133,7 +130,7 @@ class MultiViewLocalizer(Closing):
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
         evaluations += sum(each.evaluations for each in optimizers)
-        return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
+        return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
                       first @ modes, shown)
 
     def _joint(self, evidence: ViewsEvidence, beside: Beside | None = None) -> JointEvidence:
@@ -194,7 +191,7 @@ class MultiViewLocalizer(Closing):
             else:
                 estimate = self._estimator(joint).from_prior(evidence.header, near, particles,
                                                              rng)
-        return replace(in_frame(estimate, first), mode=FOLLOWED,
+        return replace(estimate.in_frame(first), mode=FOLLOWED,
                        evaluations=sum(each.evaluations for each in optimizers))
 
     def log_likelihoods(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
@@ -274,20 +271,6 @@ class MultiViewLocalizer(Closing):
             return np.array([posterior.evidence_at(each)
                              for each in np.linalg.inv(first) @ poses])
 
-    def _tell_unused(self, evidence: ViewsEvidence, used: int, is_lost: bool) -> None:
-        """Warn where so few views see the region that it is a mistake; of a lost object, not all.
-
-        used: number of those that see any of it. Where the object is lost, its middle counts.
-        """
-        cameras = [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
-        given, center, what = len(cameras), self._settings.roi_center, 'the region of interest'
-        if is_lost and used == given:
-            what = f'the middle of {what}'
-            used = sum(sees(*each, center) for each in cameras)
-        if used < (given if is_lost else given / 2):
-            _LOG.warning('%d of %d views see %s: %s (pmcl --verbose tells why of each)', used,
-                         given, what, likely_mistake(cameras, center))
-
     def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
         """(k, 4, 4) proposals of some views, in the frame of the first.
 
@@ -325,28 +308,3 @@ class _Asked:
     beside: Beside | None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
-
-
-def _tell(fits: Sequence[ViewFit], least: float) -> None:
-    """Warn of the view that agrees least, if it is clearly off and most views show the object.
-
-    least: mean evidence of a view that shows it [nat / px].
-    """
-    seen = [each for each in fits if each.allowed > 0]  # others show no contour
-    if not seen:
-        return
-    worst = max(seen, key=lambda fit: fit.apart / fit.allowed)
-    there = np.median([each.evidence for each in seen]) >= least
-    if there and worst.apart > _CLEARLY * worst.allowed:
-        _LOG.warning('views disagree: view %d by %.1f px, where %.1f is expected; check the '
-                     'hand-eye transform, the clock, and whether the object moved', worst.number,
-                     worst.apart, worst.allowed)
-
-
-def in_frame(estimate: PoseEstimate, camera: NDArray[np.float64]) -> PoseEstimate:
-    """An estimate in the frame of a camera (4, 4), in that camera's reference frame."""
-    return replace(
-        estimate, pose=camera @ estimate.pose,
-        covariance=rotate_covariance(estimate.covariance, camera[:3, :3]),
-        particles=camera @ estimate.particles,
-        modes=tuple(replace(each, pose=camera @ each.pose) for each in estimate.modes))

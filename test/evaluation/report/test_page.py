@@ -19,7 +19,6 @@ from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_view.localizer import in_frame
 
 
 class Reader(HTMLParser):
@@ -104,7 +103,7 @@ def test_a_volume_of_posed_views_is_drawn_in_the_frame_of_its_own_camera(found):
         'roi_size': (z, x, y)})
     volume = replace(found.volume, camera=CameraPose('room', camera))
     pose, region = replace(found, volume=volume, settings=chosen,
-                           in_reference=in_frame(found.estimate, camera)).before(volume)
+                           in_reference=found.estimate.in_frame(camera)).before(volume)
     np.testing.assert_allclose(pose, found.estimate.pose, atol=1e-12)
     np.testing.assert_allclose([region.center, region.size],
                                [found.region.center, found.region.size], atol=1e-12)

@@ -539,11 +539,11 @@ def test_sums_over_pairs_are_those_of_dense_matrices(contours, count):
                                   else pairs(terms, terms, error))
     noise = np.where(same_side, np.maximum(1 - distance / REACH, 0), 0) * alike
     moved = error.covariance(distance, same_side) * alike
-    each, curved = (np.concatenate([getattr(one, name) for one in terms])
-                    for name in ('each', 'curved'))
-    for mine, values, of in zip(sums_over_pairs(terms, error), (noise, moved),
-                                (each, curved), strict=True):
-        expected = of.T @ values @ of
+    gradients, curved = (np.concatenate([getattr(each, name) for each in terms])
+                         for name in ('gradients', 'curved'))
+    for mine, values, motions in zip(sums_over_pairs(terms, error), (noise, moved),
+                                     (gradients, curved), strict=True):
+        expected = motions.T @ values @ motions
         # The angle of a view to itself is 0 or 2e-8, by how its product was summed.
         np.testing.assert_allclose(mine, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
