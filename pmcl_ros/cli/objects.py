@@ -10,7 +10,7 @@ from pmcl_ros.lightfield.readers import bop
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 OBJECT_ID = click.option(
-    '--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place of '
+    '--object-id', type=click.IntRange(0), metavar='N', help='For a BOP scene, in place of '
     "--object: the data set's object N, models/obj_00000N.ply in millimetres.")
 
 

@@ -17,11 +17,12 @@ Gamma = Annotated[float, Field(ge=0.1, le=10, description="exponent that lineari
 _SigmaPosition = Annotated[float, Field(ge=0, le=1, description='posed views: standard deviation '
                                         "of the position of a camera's pose, on each axis [m]")]
 _SigmaRotation = Annotated[float, Field(
-    ge=0, le=3, description='posed views: of its rotation about each axis [rad]')]
+    ge=0, le=3, description="posed views: standard deviation of the rotation of a camera's pose, "
+    'about each axis [rad]')]
 _Common = Annotated[float, Field(
     ge=0, le=1, description='posed views: share of these variances that all views have in common, '
-    'as an error of the hand-eye transform, or of fixed cameras that were calibrated together and '
-    'then to the robot [1]')]
+    'for example by an error of the hand-eye transform, or because fixed cameras were calibrated '
+    'together and then to the robot [1]')]
 _Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
 _MOST_CAMERAS = 9
 
@@ -138,12 +139,12 @@ class FixedCameraSettings(Settings):
                             'applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
                            'effort, for cameras that offer no more')
-    camera_poses: str = Field('', description='path of YAML with `poses`: of each of `cameras`, '
-                              'in their order, optical frame to fixed_frame, 16 numbers; empty: '
+    camera_poses: str = Field('', description='path of a YAML file with `poses` of `cameras`, in '
+                              'their order: optical frame to fixed_frame, 16 numbers each; empty: '
                               'by camera_mounts')
     camera_mounts: tuple[float, ...] = Field(
-        (0.0,), description='the same without a file, as pmcl handeye writes them: of each camera '
-        'x, y, z [m] and roll, pitch, yaw as in URDF [rad] in fixed_frame; 0 alone: the newest '
+        (0.0,), description='poses of `cameras` as pmcl handeye writes them: x, y, z [m] and '
+        'roll, pitch, yaw as in URDF [rad] of each, in fixed_frame; 0 alone: the newest '
         'transforms on /tf, of the frames that the images name')
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
     slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
