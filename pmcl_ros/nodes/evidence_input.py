@@ -27,7 +27,9 @@ _LOOK = 0.25  # s between two looks for publishers
 _PATIENCE = 5.0  # s: how much later than its volume the evidence may come
 _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
 _MAPS = 4  # captures whose contour maps are kept
-_WAIT = 2.0  # s: how much later than the search by its edges a contour map may come
+# s: how much later than the search by its edges a contour map may come. Fast DDS sends what was
+# lost, as 1 MB may be on a busy machine, again with the next heartbeat, after up to 3 s.
+_WAIT = 4.0
 
 
 class EvidenceInput:

@@ -65,6 +65,7 @@ def test_an_unsure_claim_is_published_with_its_support_and_withdrawn_by_the_map(
 
         of_map = user.publisher(Float32MultiArray, 'dlv/contour_map', BIG)
         of_map.publish(map_to_message(replace(seen, header=Header(2))))
+        user.delivered(of_map)
         level, agreed = answer(2)
         assert level == DiagnosticStatus.OK
         assert float(agreed['support']) < 0
@@ -74,6 +75,7 @@ def test_an_unsure_claim_is_published_with_its_support_and_withdrawn_by_the_map(
         nothing = replace(seen, header=Header(3), tensor=np.zeros_like(seen.tensor))
         nothing.tensor[..., 0] = -4
         of_map.publish(map_to_message(nothing))
+        user.delivered(of_map)
         level, denied = answer(3)
         assert level == DiagnosticStatus.WARN
         assert denied['evidence of'] == 'contour map'
