@@ -18,7 +18,7 @@ _DERIVATIVES = np.array([[0, 0, 0, 1, 0, 0, 0],
 
 # Sums over a window, named by the factors of the products (`_multiply`).
 LL, LD, LE, LQ, DD, DE, DQ, EE, EQ, QQ, OO, OG, GG, NN = range(14)
-SUMS = 14
+SUMS = 14  # of those in a pixel
 _LEAST = 1e-9  # divisors without contrast
 
 

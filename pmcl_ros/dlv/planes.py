@@ -14,9 +14,9 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 ENCODING = 1 / 2.4
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
 _SMOOTHER = SMOOTHER[:3].astype(np.float32)  # it is symmetric
-_NONE = np.array([0, 0, 1], np.float32)
+_NONE = np.array([0, 0, 1], np.float32)  # in place of it: it leaves a view as it is
 HALO = 3  # px around a pixel that its channels are made from: 2 of the smoothing, 1 of a gradient
-_ONE = int(np.float32(1).view(np.int32))
+_ONE = int(np.float32(1).view(np.int32))  # the bits of 1.0
 _STEP = 14  # bits of a float below the knots of the curve: 512 knots an octave, 1e-7 of the value
 
 

@@ -10,7 +10,7 @@ from pmcl_ros.runtime.settings import Odd, Settings
 BackEnd = Literal['auto', 'numba', 'gl']
 LayersFrom = Literal['volume', 'joint']
 MOST_LABELS = 1000  # of the volume, and of the edges
-MOST_STRIDE = 16
+MOST_STRIDE = 16  # px: ten rays across an object of the size that searches are made for
 _NEAR, _FAR = (0.01, 100.0), (0.01, 1000.0)  # m: from, to
 _Pixels = Annotated[int, Field(ge=0, le=100_000)]
 

@@ -27,7 +27,7 @@ from pmcl_ros.runtime.errors import VolumeError
 _SPACING = 0.2  # px by which the outermost view moves from one refocused depth to the next
 _WIDEST = 0.9  # px by which it may move off the middle: there the series has lost a few per cent
 _SEPARATIONS = 24  # tried up to that
-_MOST_BYTES = 2 ** 30
+_MOST_BYTES = 2 ** 30  # of the sums at all depths, which are in memory at once
 
 # Part of the window's pixels whose noise is independent, after the views were smoothed.
 _COVARIANCE = np.correlate(SMOOTHER, SMOOTHER, 'full')

@@ -39,7 +39,7 @@ _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotati
          '`evaluations`: poses drawn and scored, the median.')
 _SCENES = ((False, 'no film'), (True, 'behind a film'))
 _CLEARLY = 15.0  # nat
-_STEPS = np.linspace(0, 1, 301)
+_STEPS = np.linspace(0, 1, 301)  # places along a chart's axis, as a part of its length
 
 
 def by_row(trials: Trials) -> dict[str, list[Trial]]:

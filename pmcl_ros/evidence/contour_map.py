@@ -17,7 +17,7 @@ from pmcl_ros.evidence.learned import LearnedMapEvidence
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.runtime.errors import VolumeError
 
-DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
+DIRECTIONS = 16  # in which log odds are sampled, 22.5 degrees apart: the series has five terms
 _REACH = 4  # standard deviations of a Gaussian
 _RESOLUTION = 3.0  # px: a contour is found within half of this on either side
 _BAND = 2 ** 18  # px that are blurred or binned at once

@@ -20,7 +20,9 @@ from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import LocalizationError
 
+# px outwards from a contour: three across an edge's width of some 3 px, and the strips beside it.
 OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
+# Of the ramps of the evidence over an energy [1]: denser below, where most energies are.
 KNOTS = np.array([0, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.5], np.float32)
 SHIFTS = np.arange(-3, 3.01, 0.5)  # px: displacements of a contour along its normals
 _RIDGE = 3e-3  # of the squared coefficients, relative to the mean loss of a point

@@ -22,7 +22,7 @@ from pmcl_ros.runtime.settings import Settings
 
 VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
 
-_MOST_VIEWS = 21
+_MOST_VIEWS = 21  # two on each raw pixel under a lenslet of ten
 _LEAST_SIDE = 8  # px, of a view, as in a calibration
 _LIGHT = 2 ** 14  # counts of relative light 1 where light is summed like a picture
 

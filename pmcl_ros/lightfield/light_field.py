@@ -14,7 +14,7 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 _TASK = 2 ** 18  # values that one task checks
 _GREATEST = np.finfo(np.float32).max
 VIEW_WHITE = 32768  # count at the sensor's white: room for twice that, then clipped
-VIEW_MOST = 65535
+VIEW_MOST = 65535  # count that is clipped: of 16 bits
 
 
 @dataclass(frozen=True)

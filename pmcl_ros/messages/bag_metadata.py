@@ -21,13 +21,13 @@ from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import parse_yaml, read_yaml_file
 
 NAME = 'metadata.yaml'
-_VERSION = 9
+_VERSION = 9  # of the file's form: that of ROS 2 Jazzy
 _ROOT = 'rosbag2_bagfile_information'
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE
 _KINDS = {'history': QosHistory, 'reliability': QosReliability, 'durability': QosDurability,
           'liveliness': QosLiveliness}
 _TIMES = 'deadline', 'lifespan', 'liveliness_lease_duration'
-_MOST_DEPTH = 2 ** 31
+_MOST_DEPTH = 2 ** 31  # DDS holds it in a signed 32-bit integer
 
 
 def offered(durability: QosDurability) -> Qos:

@@ -24,9 +24,9 @@ from pmcl_ros.runtime.errors import BagError
 
 _MOST_OPEN = 3 * 2 ** 27  # bytes of chunks whose times overlap
 _MOST_RECORDS = 2_000_000  # beside those in chunks
-_MOST_IN_CHUNK = 1_000_000
+_MOST_IN_CHUNK = 1_000_000  # messages
 _MOST_FIELDS = 2 ** 22  # bytes of a record that is no message and no chunk
-_BLOCK = 2 ** 20
+_BLOCK = 2 ** 20  # bytes that are read at once
 
 
 class _Chunk(NamedTuple):

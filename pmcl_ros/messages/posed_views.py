@@ -14,7 +14,7 @@ from pmcl_ros.messages.pose import poses_from, poses_to_messages
 from pmcl_ros.messages.types import Buffer, CameraInfo, Image, PoseArray
 from pmcl_ros.runtime.errors import MessageError
 
-_WHITE = 65535
+_WHITE = 65535  # count of a picture's 1: of 16 bits
 
 
 class PosedViewsMessages(NamedTuple):

@@ -27,7 +27,7 @@ from pmcl_ros.nodes.graph import (
 from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
 from pmcl_ros.runtime.settings import default_of
 
-_WIDTH = 99
+_WIDTH = 99  # characters of a line of config/pmcl.yaml
 _HARD = '\xa0'  # a space that ends no line
 _UNIT = re.compile(r'\[([^\[\]:]+)\]')  # in a description; an address's [:PORT] is none
 

@@ -13,7 +13,7 @@ from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
 
 _LOG = logging.getLogger(__name__)
-_MANY_FACES, _ENOUGH = 100_000, 20_000
+_MANY_FACES, _ENOUGH = 100_000, 20_000  # a search takes minutes; so many tell the same
 _SIMPLIFY = ("python3 -c \"import trimesh; trimesh.load('mesh.stl', force='mesh')."
              f'simplify_quadric_decimation(face_count={_ENOUGH}).export(\'simple.stl\')"')
 _BIT = 0.01  # of the area of the largest part: less is dust in a scan, a cap is more

@@ -18,7 +18,7 @@ from pmcl_ros.runtime.progress import Progress
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
-_REFINEMENTS = 10
+_REFINEMENTS = 10  # Gauss-Newton steps at most; modes converge in about five
 _CONVERGED = 0.02  # px: rms along the contour
 # Standard deviations of the initial Gaussian of a mode, relative to the local model: it must be
 # wider than the mode, and cover neighbouring maxima.

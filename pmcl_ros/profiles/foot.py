@@ -8,7 +8,7 @@ from pmcl_ros.profiles.revolution import WIDEST_EDGE, Revolution
 
 # In radii of the foot: height at which a stem is, its radius at most; height and radius of a foot.
 _STEM, _SLIM = 0.8, 0.4
-_USUAL_FOOT = (0.0, 1.0), (0.1, 1.0), (0.22, 0.4), (0.45, 0.0)
+_USUAL_FOOT = (0.0, 1.0), (0.1, 1.0), (0.22, 0.4), (0.45, 0.0)  # 0: the stem's own radius
 _SHARPEST = 1e-4  # m: of the edges
 
 

@@ -14,7 +14,7 @@ from pmcl_ros.profiles.revolution import NEAREST, Revolution
 
 _RADII = 64  # of the grid
 _ROWS = 64  # of it over the height of the cylinder with its margin
-_MOST_ROWS = 112
+_MOST_ROWS = 112  # of it where a bowl reaches beyond the cylinder: time and memory grow with them
 _MARGIN = 1.2  # the grid's sides, in those of the cylinder
 _STEEP = 9  # radii that a profile may change by in a step
 _BEND = 1.6  # nat / px in each view: of how much more the radius changes than a step before

@@ -16,8 +16,8 @@ from pmcl_ros.runtime.mesh_repair import repair
 from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 
 _LOG = logging.getLogger(__name__)
-_MOST_FACES = 1_000_000
-_MOST_BYTES = 2 ** 26
+_MOST_FACES = 1_000_000  # ten times as many as make a search take minutes
+_MOST_BYTES = 2 ** 26  # of a file: a binary STL of so many faces has 50 MB
 _COMMA = re.compile(rb'(?:^|\n)[ \t]*+v(?:ertex)?+[ \t]++-?\d++,\d')  # in OBJ, and STL in text
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
 

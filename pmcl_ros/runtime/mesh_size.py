@@ -14,7 +14,7 @@ _BETWEEN = rb'(?:\s|#[^\n]*+\n)*+'  # white space and comments
 _OFF = re.compile(_BETWEEN + rb'\w*OFF' + _BETWEEN + _COUNT + rb'\s++' + _COUNT)
 _PLY = re.compile(rb'element\s++(vertex|face)\s++' + _COUNT)
 _STL_HEAD, _STL_FACE = 84, 50  # bytes, of binary files
-_TRIANGLE = 3
+_TRIANGLE = 3  # corners
 
 
 class MeshSize(NamedTuple):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.runtime.errors import FileError, PmclError
 
-_MOST_ARRAYS = 1000
+_MOST_ARRAYS = 1000  # of a file; each takes a header that is parsed
 _KINDS = 'biufcSU'  # of numbers and text: no objects
 _LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}  # of a header's length, by the format's version
 _MOST_HEADER = 10_000  # bytes, as in NumPy

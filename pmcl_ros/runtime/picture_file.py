@@ -22,12 +22,12 @@ from pmcl_ros.runtime.errors import FileError, PictureError
 
 _Read = TypeVar('_Read')
 _LOG = logging.getLogger(__name__)
-MOST_PIXELS = 2 ** 26
+MOST_PIXELS = 2 ** 26  # 67 million: more than the sensors of most cameras have
 _MOST_BYTES = 2 ** 28  # of a file
 _MOST_DECODED = 3 * 2 ** 27  # bytes of its pixels: 16 bits a colour of the most
 _PNG = b'\x89PNG\r\n\x1a\n'
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour type
-_BLOCK = 2 ** 20
+_BLOCK = 2 ** 20  # bytes that are decompressed at once
 _EXIF = 2 ** 16  # bytes, in which a JPEG's EXIF begins
 _ORIENTATION = 0x0112  # tag of EXIF
 _BITS = 258  # tag of a TIFF

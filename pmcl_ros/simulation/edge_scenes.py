@@ -29,7 +29,7 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 
 _CAMERA = Pinhole(190, 180, 540, 540, 96.5, 88.0)
 _ZOOM = 3  # samples of the contour per pixel
-_LABELS = 12
+_LABELS = 12  # depths of the volume
 _SIDE = 0.1  # m, of the region of interest
 _WIDTH = 1.2  # px: standard deviation of an edge's energy across it
 _INWARDS = 0.15  # px: offset of the energy's centre from the contour, as in rendered scenes

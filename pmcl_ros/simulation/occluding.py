@@ -12,7 +12,7 @@ from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.render import first_surfaces
 from pmcl_ros.simulation.scenes.world import World
 
-DIRECTIONS = 32
+DIRECTIONS = 32  # of normals: 11.25 degrees apart
 _FINE = 3  # rays per pixel along an axis
 _GAP = 0.008  # m: what is so much farther than its neighbour is behind it
 _TOUCHES = 0.005  # m: a sheet that is nearer by more is before a solid, not beside or behind it

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 MARGIN = 10  # px: light beyond the picture's border that blur brings in
 _LEVELS = 0.1, 0.55  # mean of a picture's light, 1 at the sensor's white
-_WHITE = 65535
+_WHITE = 65535  # count of a mosaic of 16 bits, as OpenCV takes it
 
 Light = NDArray[np.float32]
 

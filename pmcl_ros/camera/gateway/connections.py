@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-MAX_CONNECTIONS = 32
-MAX_OF_ONE_ADDRESS = 16
+MAX_CONNECTIONS = 32  # each has a thread
+MAX_OF_ONE_ADDRESS = 16  # half of them: no address keeps all others out
 
 _LOG = logging.getLogger(__name__)
 

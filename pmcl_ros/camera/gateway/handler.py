@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _RANGE = re.compile(r'bytes=(?:([0-9]{1,15})-([0-9]{1,15})?|-([0-9]{1,15}))')
 _LONGEST_BODY = 4096  # bytes; no request needs any
 _SILENCE = 30.0  # seconds without a byte, either way
-_BLOCK = 1 << 18
+_BLOCK = 1 << 18  # bytes of a file that are in memory at once
 _KEY = re.compile(r'[\x21-\x7e]{1,128}')
 # Nothing is read after these: who is not admitted waits no more, and where the next request of
 # what was not understood begins is unknown.

@@ -5,7 +5,7 @@ from http import HTTPStatus
 from io import BufferedIOBase
 
 LONGEST_HEAD = 16_384  # bytes of all header lines
-MOST_LINES = 64
+MOST_LINES = 64  # a browser sends less than 20
 
 # A name, a colon at once, a value in one line (RFC 9112, 5.1). What others read in another way is
 # refused: two readers of one connection would disagree where a request ends.

@@ -10,7 +10,7 @@ from enum import IntEnum
 from pmcl_ros.runtime.errors import ProtocolError
 
 MAGIC = 0xFAAA55AF
-HEADER_LENGTH = 28
+HEADER_LENGTH = 28  # bytes of every message; below, of two replies
 HARDWARE_INFO_LENGTH = 644
 RECORD_LENGTH = 128
 CHUNK = 0x200000  # bytes: the largest piece that the camera hands out at once

@@ -40,7 +40,7 @@ from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 
 _LARGEST = 0.14  # m: radius of any generated object
-_FALSE_ALARMS = 0.05
+_FALSE_ALARMS = 0.05  # share of searches without the object that may find one
 _TOO_LITTLE = 0.01  # share of right poses in several views that have too little evidence
 # Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true

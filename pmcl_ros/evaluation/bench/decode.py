@@ -18,8 +18,9 @@ from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
 from pmcl_ros.lightfield.light_field import ViewGrid
 
-_BLACK, _WHITE = 168, 4095
+_BLACK, _WHITE = 168, 4095  # counts of a 12-bit sensor, as an F01's
 _PUPIL = 4.4  # raw px: radius of the main lens' image under a lenslet
+# Bilinear demosaicing: green from 4 neighbours, red and blue from 2 or 4.
 _CROSS = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float32) / 4
 _SQUARE = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32) / 4
 

@@ -28,7 +28,7 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
 CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
-_POSES = 100
+_POSES = 100  # in a call
 _PAPER = 50_000  # evaluations: 100 particles, 500 iterations
 PLACE = (0.0, 0.0, 0.55)
 

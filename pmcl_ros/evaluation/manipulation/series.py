@@ -65,7 +65,7 @@ _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
                  each for turn, height in ((30, 6), (-30, 6), (15, 10), (-15, 10), (45, 12),
                                            (-45, 12), (0, 6), (35, 10), (-35, 10))
                  for each in ('--from', str(turn), str(height))))}
-_VIEWS: dict[WorkplaceKind, int] = {'sink': 12, 'tank': 3}
+_VIEWS: dict[WorkplaceKind, int] = {'sink': 12, 'tank': 3}  # that count, at most
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
 _REACH = 0.6  # m: of the camera from the aim; farther the arm does not come to all sides
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth

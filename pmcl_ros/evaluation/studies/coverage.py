@@ -12,7 +12,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 
 _NEAR = np.array([0.001, 0.001, 0.005]), 0.04  # m, rad: of starts beside the truth
-_STARTS = 6
+_STARTS = 6  # of the search, in each scene
 
 
 def run_coverage(count: int, seed: int = 0, whole: bool = True) -> Iterator[Trial]:

@@ -19,13 +19,13 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 
-_WIDTH, _HEIGHT, _VIEWS = 84, 76, 7
+_WIDTH, _HEIGHT, _VIEWS = 84, 76, 7  # px; views of a row and of a column
 _BORDER = 18  # px: left out, since some views do not see it
 _NEAR, _FAR = 1 / 3.2, 1 / 0.2  # m: with a baseline and a focal length of 1, 0.2 to 3.2 px a step
-_LABELS = 90
+_LABELS = 90  # a thirtieth of a px apart
 _MIDDLE = 1.7  # px per view step, half-way between the layers
 _NOISE = 0.01  # of the encoded intensity, as in a well lit frame
-_WAVES = 24
+_WAVES = 24  # of a texture: so many that its values are nearly Gaussian
 _SOURCES: tuple[LayersFrom, ...] = ('joint', 'volume')
 
 

@@ -12,7 +12,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.npz_file import read_arrays
 
-_MOST_BYTES = 2 ** 29
+_MOST_BYTES = 2 ** 29  # of the arrays; a small file may claim any size
 _GAMMA = 1 / 2.2  # of the ideal views, and of all that is compared
 _SPACING = 3  # view steps between the ideal views of a row
 _BLUR = 1.0  # px: the lenslets' sampling resolves little more

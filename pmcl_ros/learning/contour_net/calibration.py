@@ -14,9 +14,9 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from pmcl_ros.drawing.charts import Chart, Line
-from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.evidence.contour_map import DIRECTIONS, harmonics
 from pmcl_ros.evidence.learned import Calibration
-from pmcl_ros.learning.contour_net.directions import DIRECTIONS, direction_targets
+from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
 from pmcl_ros.runtime.errors import PictureError
 from pmcl_ros.simulation.labelled_pictures import read_labelled

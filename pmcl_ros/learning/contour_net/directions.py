@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from pmcl_ros.learning.contour_net.pictures import BINS
 
 HALF_WIDTH = np.pi / 8  # rad: a direction stands for the normals within this angle
-DIRECTIONS = 16  # 22.5 degrees apart
 
 
 def direction_targets(directions: NDArray[np.integer]) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from onnx import helper
 
 from pmcl_ros.runtime.errors import SettingsError
 
-_OPSET, _IR = 11, 6
+_OPSET, _IR = 11, 6  # of ONNX 1.6 (2019), so that old runtimes read it
 INPUT, OUTPUT = 'picture', 'map'
 
 

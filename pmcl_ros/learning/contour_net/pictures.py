@@ -19,7 +19,7 @@ BINS = DIRECTIONS  # of a label
 _HELD_OUT, _TESTED = 9, 19  # seeds modulo 20: calibrate, and measure; the others train
 _KEPT = 4000  # pictures kept in memory: 2 GB of the default size
 _LISTED = 200  # batches after which new files are looked for
-_AHEAD, _THREADS = 6, 2
+_AHEAD, _THREADS = 6, 2  # batches made before they are asked for, by so many threads
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.npz_file import read_arrays
 
 _WARM_UP = 0.02  # the part of all steps in which the learning rate rises
-_BATCHES_OF_STATISTICS = 8
+_BATCHES_OF_STATISTICS = 8  # of which batch normalisation takes its means at the end
 _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_BYTES = 2 ** 28  # of a state
 _MOST_OF_NETWORK = 2 ** 26  # bytes

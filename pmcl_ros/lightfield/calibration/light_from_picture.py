@@ -22,7 +22,7 @@ _FAINT = 0.01  # of the sensor's range: about the noise of a pixel in the dark
 # Relative: how much the pixels of a lenslet that sees an even surface differ (noise and profile).
 _EVEN = 0.05
 _SPREAD = 0.3  # expected variation of the profile across the sensor, before any measurement
-_ROUNDS = 3
+_ROUNDS = 3  # each weighs ratios by the profile of the one before; the first by none
 _LEAST = 1000  # lenslets
 
 

@@ -28,7 +28,7 @@ unit) or `baseline` (metres between neighbouring views)""".replace('\n', ' ')
 NAME = 'light_field.yaml'
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.ppm')
 _MOST_VIEWS = 999  # of a row or a column
-_MOST_DOUBTFUL = 4
+_MOST_DOUBTFUL = 4  # the time of matching a name may grow as its length to this power
 _PARTS = {'row': r'\d+', 'column': r'\d+', 'x': r'[-+]?\d+(?:\.\d+)?', 'y': r'[-+]?\d+(?:\.\d+)?'}
 
 

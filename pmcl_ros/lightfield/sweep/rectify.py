@@ -16,7 +16,7 @@ _STARTS = 4  # start depths of a search, uniform in disparity
 _SLACK = 1.0  # px: tolerance of the forward-backward check
 _NOISE = 0.5  # px: standard deviation of a good track
 _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW
-_WINDOW, _LEVELS = (15, 15), 2
+_WINDOW, _LEVELS = (15, 15), 2  # px; pyramid levels: of tracks that start near their end
 
 
 @dataclass(frozen=True)

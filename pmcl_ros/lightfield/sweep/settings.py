@@ -24,7 +24,7 @@ _Common = Annotated[float, Field(
     'for example by an error of the hand-eye transform, or because fixed cameras were calibrated '
     'together and then to the robot [1]')]
 _Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
-_MOST_CAMERAS = 9
+_MOST_CAMERAS = 9  # as many views as searches were measured with
 
 
 class SweepSettings(Settings):

@@ -22,7 +22,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 _LOG = logging.getLogger(__name__)
 MAX_PENETRATION = 0.002  # m: of two objects in an estimate
 _RESIDUAL = 0.001  # m: residual penetration; surfaces are sampled at about 1 mm
-_ITERATIONS = 40
+_ITERATIONS = 40  # moves of a pair; two objects need two, a crowd pushes on
 _SURFACE, _SAMPLES = 60_000, 3000  # points of the surface: for distances, for contacts
 _GRID = 21  # points along each side of the bounding box, for the inscribed ball
 _BALLS = 0.8  # of the sum of their radii: by which inscribed balls must be apart

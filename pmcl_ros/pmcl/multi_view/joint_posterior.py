@@ -27,7 +27,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.local_search import log_volume, product
 from pmcl_ros.runtime.progress import Progress
 
-_REFINEMENTS = 12
+_REFINEMENTS = 12  # Gauss-Newton steps at most; poses and nuisances converge in less
 _SAME_POSE = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
 

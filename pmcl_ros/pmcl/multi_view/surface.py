@@ -32,7 +32,7 @@ _WINDOW, _STRIDE = 11, 2  # px, of the volume: surfaces are smooth
 # median where they agree (0.75 by chance), and the standard deviation of their median.
 _REACH, _AGREEING, _SIGMA = 1.5, 0.28, 0.1
 _LEAST_SHARE, _LEAST_RAYS = 0.65, 100  # of the surface that is seen: that has such depths
-_LEAST_IN_VIEW = 0.5
+_LEAST_IN_VIEW = 0.5  # share of the object that the picture's edge leaves
 _CONTRADICTS = 3.0  # standard deviations from where the contours are
 _BOX, _BEYOND = 0.01, 0.1  # m: about the origin; how far other depths lie that compete
 

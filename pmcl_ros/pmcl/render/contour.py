@@ -19,7 +19,7 @@ from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import compiled
 
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
-_LARGEST_JUMP = 0.5
+_LARGEST_JUMP = 0.5  # relative, of 1/z; from 1 on nothing would be an occlusion (`jump_of`)
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
 

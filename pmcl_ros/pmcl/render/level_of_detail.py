@@ -13,7 +13,7 @@ from pmcl_ros.geometry.faces import Faces
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 _FEWEST = 1000  # faces that are not worth simplifying, and the first try
-_ROUNDS = 3
+_ROUNDS = 3  # of the library, which stops early on what is cut up and flat
 _FINER = 16  # a model of so many to its radius shows what refraction bends
 _FEW = 4000  # points that a try must pass first
 
@@ -62,7 +62,7 @@ def subdivided(model: ObjectModel) -> ObjectModel:
 def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:
     """The model with about so many faces, or as few as the library dares."""
     vertices, faces = model.vertices, model.faces
-    for _ in range(_ROUNDS):  # it stops early on what is cut up and flat
+    for _ in range(_ROUNDS):
         if len(faces) <= wanted:
             break
         vertices, faces = fast_simplification.simplify(

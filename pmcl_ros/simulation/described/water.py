@@ -11,7 +11,7 @@ from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 
-_WAVES = 14
+_WAVES = 14  # plane waves that a surface is the sum of
 _LENGTHS = 0.02, 0.06  # m: of waves
 _CALM = 0.012  # m: waves end so far from what stands in the water
 _AROUND, _OUT = 160, 48  # points of a water surface

@@ -19,7 +19,7 @@ from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 
 F01, F01_RAW = 'f01', 'f01-raw'  # as options name it: by its views; by its raw pictures
 _ZOOM, _FOCUS = 600, 700  # steps of the motors: reported, not modelled
-_ISO = 80
+_ISO = 80  # reported, not modelled
 _EXPOSURE = 0.01  # s: reported, not modelled
 # Both measured in decoded pictures, of textured and of even walls.
 _BLUR = 0.45  # px of a view: what lenslets and their interpolation blur beyond its pixels

@@ -39,7 +39,7 @@ _CLOSING = 0.05  # m/s: speed of the gap
 _LOW = 0.15  # of its height: the centre of mass of what floats, so that it floats upright
 _WATCH_STEPS = 50  # of the physics, between two calls of `watch`
 _WATER_STEPS = 5  # of the physics, between two forces of the water
-_UPRIGHT = np.cos(np.radians(15))
+_UPRIGHT = np.cos(np.radians(15))  # of the lean of what stands
 CLEAR, HOLD = 0.10, 3.0  # m, s: so far above the water and so long is held what is lifted
 
 

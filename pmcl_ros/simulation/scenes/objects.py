@@ -18,7 +18,7 @@ from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.shapes.vessels import Vessel, outer_mesh, random_vessel
 from pmcl_ros.simulation.scenes.textures import random_texture
 
-_WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
+_WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}  # probabilities
 
 Finish = Callable[[np.random.Generator], Opaque]
 
