@@ -18,7 +18,7 @@ from pmcl_ros.dlv.likelihood import row_likelihood
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import HALO, matching_planes
-from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, room_of_coefficients, row_costs
+from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, coefficient_count, row_costs
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.window_sums import sum_across, sum_down
@@ -127,7 +127,7 @@ def _run(task: CostInputs, settings: DlvSettings, cost: NDArray[np.float32],
     bands, margin = threads(), -(-task.half // LANES) * LANES
     # A row's costs for each thread, with zeros around for the windows to reach into.
     single = aligned_zeros(bands, labels + 1, -(-width // LANES) * LANES + 2 * margin)
-    quadratics = aligned_zeros(bands, room_of_coefficients(width))
+    quadratics = aligned_zeros(bands, coefficient_count(width))
     _sweep(task.planes, runs.where, runs.cells, runs.taps, runs.time, task.weights,
            task.limits, task.inside, *task.corner, lattice.stride,
            settings.color_cost == 'l2', task.half, task.shape[1:], (rows.start, rows.stop),

@@ -27,7 +27,7 @@ def aligned_zeros(*shape: int) -> NDArray[np.float32]:
     return room[start:start + count].reshape(shape)
 
 
-def room_of_coefficients(width: int) -> int:
+def coefficient_count(width: int) -> int:
     """How many numbers `row_costs` needs to work on a row of so many pixels."""
     return -(-width // LANES) * _BLOCK
 
@@ -37,9 +37,9 @@ def row_costs(planes, where, cells, taps, time,  # type: ignore[no-untyped-def]
               weights, limits, inside, left, top, stride, l2, row, width, quadratics, margin, out):
     """Costs of one row of the lattice, (labels + 1, width): differences, then those of label 0.
 
-    left, top: where the lattice's first pixel lies in the planes [px]; the rest as in `Matching`.
-    quadratics: of `room_of_coefficients`, to work in. out: (labels + 1, whole blocks and a margin
-    on each side), 0 beyond the width.
+    left, top: where the lattice's first pixel lies in the planes [px]; the rest as in
+    `CostInputs`. quadratics: of `coefficient_count`, to work in. out: (labels + 1, whole blocks
+    and a margin on each side), 0 beyond the width.
     """
     columns = planes.shape[3]
     rows = planes.reshape(len(planes), planes.shape[1], 5 * columns)

@@ -48,7 +48,7 @@ from pmcl_ros.pipeline import (
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
+from pmcl_ros.pmcl.multi_view.incremental_search import IncrementalSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -90,7 +90,7 @@ class PmclNode(StageNode):
         if self._posed and settings.evidence != 'edges':
             contour_net()  # a broken file is an error here, not at the first views
         self._tracker: Tracker | None = None
-        self._growing: GrowingSearch | None = None
+        self._incremental: IncrementalSearch | None = None
         if settings.several:
             paths = [resolve(each, 'objects') for each in settings.several]
             self._several = SeveralObjects(self, settings, paths, settings.broadcast_tf,
@@ -124,10 +124,10 @@ class PmclNode(StageNode):
         self._box = region_to_marker(_region(settings))
         self._continuities = [Continuity(self._model.symmetry, _region(settings))]
         self._evidence_of = _evidence_of(settings, self._model)
-        self._growing = None
+        self._incremental = None
         if isinstance(localizer, MultiViewLocalizer):
-            self._growing = GrowingSearch(localizer)
-            self._tracker = Tracker(self._growing, self._model, settings)
+            self._incremental = IncrementalSearch(localizer)
+            self._tracker = Tracker(self._incremental, self._model, settings)
         elif isinstance(localizer, Localizer):
             self._tracker = Tracker(localizer, self._model, settings)
 
@@ -163,8 +163,8 @@ class PmclNode(StageNode):
     def _forget(self) -> None:
         if self._tracker is not None:
             self._tracker.reset()
-        if self._growing is not None:
-            self._growing.reset()
+        if self._incremental is not None:
+            self._incremental.reset()
         for each in self._continuities:
             each.reset()
         for frame in self._several.frames if self._several else [self.object_frame]:

@@ -64,7 +64,7 @@ class ContourSearch:
     posterior: Modes
 
     def find(self, start: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
-             watch: Watch | None = None) -> 'Judged':
+             watch: Watch | None = None) -> 'ScoredPoses':
         """The best poses from proposals (k, 4, 4).
 
         stages: of the search, 0 to 0.5; once it is stopped what was found so far is returned.
@@ -75,45 +75,47 @@ class ContourSearch:
             values = self.rough(found)[1]
             found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
             found = self._refined(self.coarse, found, _HOPEFUL, 'coarse', watch)
-        judged = _NONE
+        scored = _NONE
         if stages.go_on(0.3):
-            judged = self._judged(found, judged, 'fine', watch)
+            scored = self._scored(found, scored, 'fine', watch)
         if stages.go_on(0.4):
             others = np.concatenate([ambiguous_poses(self.posterior.model, each)
-                                     for each in judged.poses[:_CHALLENGED]])
+                                     for each in scored.poses[:_CHALLENGED]])
             if len(others):
-                judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
+                scored = self._scored(self.coarse(others)[0], scored, 'ambiguous', watch)
         if stages.go_on(0.5):
-            judged = self._judged(self._scattered(judged.poses, rng), judged, 'scattered', watch)
-        return judged.first(_MODES) if len(judged.poses) else Judged(*self.finest(found[:_MODES]))
+            scored = self._scored(self._scattered(scored.poses, rng), scored, 'scattered', watch)
+        if not len(scored.poses):
+            return ScoredPoses(*self.finest(found[:_MODES]))
+        return scored.first(_MODES)
 
     def find_near(self, poses: NDArray[np.float64], watch: Watch | None = None
-                  ) -> 'Judged':
+                  ) -> 'ScoredPoses':
         """The best poses from those of a posterior by less evidence (k, 4, 4)."""
         found = self._refined(self.coarse, poses, _HOPEFUL, 'coarse', watch)
-        judged = self._judged(found, _NONE, 'fine', watch)
-        others = ambiguous_poses(self.posterior.model, judged.poses[0])
+        scored = self._scored(found, _NONE, 'fine', watch)
+        others = ambiguous_poses(self.posterior.model, scored.poses[0])
         if len(others):
             # Fine contours, of a few views, show already that most of them are hopeless.
             refined, values = self.fine(np.concatenate(
-                [judged.poses[:1], self.coarse(others)[0]]))
+                [scored.poses[:1], self.coarse(others)[0]]))
             hopeful = refined[1:][values[1:] >= values[0] - _HOPELESS]
             if len(hopeful):
-                judged = self._judged(hopeful, judged, 'ambiguous', watch)
-        return judged.first(_MODES)
+                scored = self._scored(hopeful, scored, 'ambiguous', watch)
+        return scored.first(_MODES)
 
     def sharpen(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
-                watch: Watch | None = None) -> 'Judged':
+                watch: Watch | None = None) -> 'ScoredPoses':
         """The best of poses (k, 4, 4) that were found with larger pixels, refined with these.
 
         stages: of the search, at 0.55: once it is stopped there are no restarts.
         """
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
-        judged = self._judged(found, _NONE, 'sharpened', watch)
+        scored = self._scored(found, _NONE, 'sharpened', watch)
         if stages.go_on(0.55):
-            judged = self._judged(self._scattered(judged.poses[:1], rng), judged, 'scattered',
+            scored = self._scored(self._scattered(scored.poses[:1], rng), scored, 'scattered',
                                   watch)
-        return judged.first(_MODES)
+        return scored.first(_MODES)
 
     def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                watch: Watch | None = None) -> Posterior:
@@ -136,8 +138,8 @@ class ContourSearch:
         poses = poses[np.argsort(-values, kind='stable')]
         return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
-    def _judged(self, poses: NDArray[np.float64], kept: 'Judged', stage: Stage,
-                watch: Watch | None) -> 'Judged':
+    def _scored(self, poses: NDArray[np.float64], kept: 'ScoredPoses', stage: Stage,
+                watch: Watch | None) -> 'ScoredPoses':
         """The best `_LEFT` of those kept before and of poses, refined.
 
         Fine contours choose some; contours at the resolution of the image judge them, as these
@@ -150,7 +152,7 @@ class ContourSearch:
         if np.isfinite(values).any():  # fewer are left rather than one that is impossible
             best = best[np.isfinite(values[best])]
         best = best[suppress_duplicates(found[best], self.posterior.model.symmetry, _LEFT)]
-        return Judged(found[best], values[best])
+        return ScoredPoses(found[best], values[best])
 
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
@@ -174,7 +176,7 @@ class ContourSearch:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ScoredPoses:
     """Poses (n, 4, 4) and their evidence (n,) at the resolution of the image, best first."""
 
     poses: NDArray[np.float64]
@@ -185,12 +187,12 @@ class Judged:
         """(n, 4, 4) those that can have a share in the posterior."""
         return self.poses[self.values >= self.values.max() - _HOPELESS]
 
-    def first(self, count: int) -> 'Judged':
+    def first(self, count: int) -> 'ScoredPoses':
         """The best of them."""
-        return Judged(self.poses[:count], self.values[:count])
+        return ScoredPoses(self.poses[:count], self.values[:count])
 
 
-_NONE = Judged(np.zeros((0, 4, 4)), np.zeros(0))
+_NONE = ScoredPoses(np.zeros((0, 4, 4)), np.zeros(0))
 
 
 class Stages:

@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 _Search = Callable[[EvidenceVolume, Watch | None], PoseEstimate]
 
 
-class Judge(Protocol):
+class Evaluator(Protocol):
     """What tells the evidence of poses: a `Localizer`."""
 
     def contour(self, edges: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
@@ -40,7 +40,7 @@ def is_needed(found: PoseEstimate) -> bool:
     return found.lost or found.support < 0
 
 
-def second_search(found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence, judge: Judge,
+def second_search(found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence, evaluator: Evaluator,
                   search: _Search, stages: Stages, watch: Watch | None) -> PoseEstimate:
     """What other evidence finds, where that `is_needed`.
 
@@ -57,12 +57,13 @@ def second_search(found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence, ju
         if other is None:
             _LOG.info('%s: edges %s, and no other evidence came', capture, edges_do)
             return found
-        if not found.lost and _shows(judge, other, found.pose):
+        if not found.lost and _shows(evaluator, other, found.pose):
             return found
         again = search(other, None if watch is None else seen.append)
         if not stages.go_on(1.0):
             return found
-        better = not (found.lost and again.lost) or _has_more(again, found, judge, (edges, other))
+        better = (not (found.lost and again.lost)
+                  or _has_more(again, found, evaluator, (edges, other)))
     except Exception as error:
         if not is_foreseen(error):
             raise
@@ -89,15 +90,15 @@ def evidence_of(estimate: PoseEstimate, evidence: EvidenceVolume) -> EvidenceVol
     return other
 
 
-def _shows(judge: Judge, evidence: EvidenceVolume, pose: NDArray[np.float64]) -> bool:
+def _shows(evaluator: Evaluator, evidence: EvidenceVolume, pose: NDArray[np.float64]) -> bool:
     """Whether the contour of a pose (4, 4) is more likely present than absent."""
-    points = judge.contour(evidence, pose)
+    points = evaluator.contour(evidence, pose)
     return bool(points.lengths @ points.evidence > 0)
 
 
-def _has_more(one: PoseEstimate, other: PoseEstimate, judge: Judge,
+def _has_more(one: PoseEstimate, other: PoseEstimate, evaluator: Evaluator,
               evidence: Sequence[EvidenceVolume]) -> bool:
     """Whether one pose has more evidence than another, by several kinds together."""
     poses = np.stack([one.pose, other.pose])
-    first, second = np.sum([judge.evidence(each, poses) for each in evidence], axis=0)
+    first, second = np.sum([evaluator.evidence(each, poses) for each in evidence], axis=0)
     return bool(first > second)

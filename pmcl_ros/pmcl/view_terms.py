@@ -89,9 +89,9 @@ class ViewTerms:
     """What one view adds to a local model: sums over its contour, and (m, d) of its points.
 
     d: dimensions of the pose's tangent space, and one more where contours can be displaced.
-    gradients: what each point adds to the gradient; curved: to the information, before the motion.
-    places: (m, 3) [m] and directions: (m, 3) of the points and their normals, in the frame of the
-    pose. scale: (m,) px / m at the points. sight: (3,) unit, from the camera to the object.
+    gradients: what each point adds to the gradient; curvatures: to the information, before the
+    motion. places: (m, 3) [m] and directions: (m, 3) of the points and their normals, in the frame
+    of the pose. scale: (m,) px / m at the points. sight: (3,) unit, from the camera to the object.
     """
 
     evidence: float
@@ -100,7 +100,7 @@ class ViewTerms:
     information: NDArray[np.float64]
     moments: NDArray[np.float64]
     gradients: NDArray[np.float64]
-    curved: NDArray[np.float64]
+    curvatures: NDArray[np.float64]
     points: ContourPoints
     places: NDArray[np.float64]
     directions: NDArray[np.float64]
@@ -138,12 +138,12 @@ class ViewTerms:
         else:
             curvature = np.full((len(slope), 1), view.curvature * LEAST_CURVATURE)
             slope = np.zeros(len(slope))
-        gradients, curved = weight * slope[:, None] * motion, weight * curvature * motion
+        gradients, curvatures = weight * slope[:, None] * motion, weight * curvature * motion
         normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
         focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)
         return cls(float(points.lengths @ here) + points.covered, length, gradients.sum(axis=0),
-                   motion.T @ curved, motion.T @ (weight * motion), gradients, curved, points,
-                   _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
+                   motion.T @ curvatures, motion.T @ (weight * motion), gradients, curvatures,
+                   points, _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
                    focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
 
     def transformed(self, by: NDArray[np.float64]) -> 'ViewTerms':
@@ -151,7 +151,7 @@ class ViewTerms:
         return replace(self, gradient=by @ self.gradient,
                        information=(by @ self.information)[:, :len(by)],
                        moments=by @ self.moments @ by.T, gradients=self.gradients @ by.T,
-                       curved=self.curved @ by.T)
+                       curvatures=self.curvatures @ by.T)
 
     def stretches(self) -> 'ViewTerms':
         """With stretches of about `_STRETCH` px in place of points."""
@@ -160,24 +160,24 @@ class ViewTerms:
         first = np.flatnonzero(np.concatenate([[True], new]))
         weight = self.points.lengths[:, None]
         total = np.add.reduceat(weight, first)
-        gradients, curved = (np.add.reduceat(values, first)
-                             for values in (self.gradients, self.curved))
+        gradients, curvatures = (np.add.reduceat(values, first)
+                             for values in (self.gradients, self.curvatures))
         pixels, places, scale = (np.add.reduceat(weight * values, first) / total for values in (
             self.points.pixels, self.places, self.scale[:, None]))
         directions = np.add.reduceat(weight * self.directions, first)
         directions = directions / np.maximum(
             np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-        return replace(self, gradients=gradients, curved=curved, places=places,
+        return replace(self, gradients=gradients, curvatures=curvatures, places=places,
                        directions=directions, scale=scale[:, 0],
                        points=replace(self.points, pixels=pixels))
 
 
 def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(d, d) sums over all pairs of stretches: of `gradients`, of `curved`.
+    """(d, d) sums over all pairs of stretches: of `gradients`, of `curvatures`.
 
     Those of `gradients` have the share of noise that is common to both, which falls to 0 at
-    `REACH`; those of `curved` the covariance of their displacements by the model error.
+    `REACH`; those of `curvatures` the covariance of their displacements by the model error.
     """
     together = displaced = np.zeros(())
     for k, one in enumerate(views):  # with those that follow: arrays of all pairs take 20 MB each
@@ -189,9 +189,9 @@ def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
         count, total = distance.shape
         alike = alike * np.repeat([0.5, 1], [count, total - count])  # its own pairs come twice
         gradients = np.concatenate([other.gradients for other in rest])
-        curved = np.concatenate([other.curved for other in rest])
+        curvatures = np.concatenate([other.curvatures for other in rest])
         together = together + one.gradients.T @ ((alike * noise) @ gradients)
-        displaced = displaced + one.curved.T @ ((alike * moved) @ curved)
+        displaced = displaced + one.curvatures.T @ ((alike * moved) @ curvatures)
     return together + together.T, displaced + displaced.T
 
 

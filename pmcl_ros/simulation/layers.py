@@ -134,7 +134,7 @@ def view_shifts(grid: ViewGrid) -> NDArray[np.float64]:
     return np.concatenate([places, np.zeros((len(places), 1))], axis=1)
 
 
-def laid_over(below: Picture, layer: Picture) -> Picture:
+def composited(below: Picture, layer: Picture) -> Picture:
     """(..., 3) a layer (..., 4) composed over a picture (..., 3)."""
     return np.asarray(below * (1 - layer[..., 3:]) + layer[..., :3], np.float32)
 

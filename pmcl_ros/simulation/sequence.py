@@ -14,7 +14,7 @@ from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.settings import Odd, Settings
-from pmcl_ros.simulation.layers import Plane, TexturedMesh, laid_over, view_shifts
+from pmcl_ros.simulation.layers import Plane, TexturedMesh, composited, view_shifts
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
@@ -209,10 +209,10 @@ class Sequence:
                 continue
             picture = self._behind[0].drawn(grid.pinhole, view)[..., :3]
             for each in self._behind[1:]:
-                picture = laid_over(picture, each.drawn(grid.pinhole, view))
-            picture[down, across] = laid_over(picture[down, across], solid)
+                picture = composited(picture, each.drawn(grid.pinhole, view))
+            picture[down, across] = composited(picture[down, across], solid)
             if self._film is not None:
-                picture = laid_over(picture, self._film.drawn(grid.pinhole, view))
+                picture = composited(picture, self._film.drawn(grid.pinhole, view))
             pictures.append(picture)
         return np.stack(pictures).reshape(*grid.shape, grid.pinhole.height, grid.pinhole.width, 3)
 

@@ -19,7 +19,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
 from pmcl_ros.simulation.files import write_sequence
-from pmcl_ros.simulation.layers import Plane, TexturedMesh, laid_over, view_shifts
+from pmcl_ros.simulation.layers import Plane, TexturedMesh, composited, view_shifts
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings, wander
 
 SMALL = SequenceSettings(frames=12, occluded=2, size=64)
@@ -122,7 +122,7 @@ def test_a_solid_moves_from_view_to_view_by_its_depth(sequence):
 def test_layers_mix_by_opacity():
     below = np.full((2, 2, 3), 0.8, np.float32)
     layer = np.concatenate([np.full((2, 2, 3), 0.05), np.full((2, 2, 1), 0.25)], axis=2)
-    np.testing.assert_allclose(laid_over(below, layer.astype(np.float32)), 0.65, rtol=1e-6)
+    np.testing.assert_allclose(composited(below, layer.astype(np.float32)), 0.65, rtol=1e-6)
 
 
 def test_a_bag_holds_all_frames_and_the_truth_is_beside_it(tmp_path, sequence):

@@ -17,7 +17,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pipeline import size_in
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
+from pmcl_ros.pmcl.multi_view.incremental_search import IncrementalSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
@@ -106,12 +106,12 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
         localizer.localize(builder().build(PosedViews(tuple(views[:1]))),
                            np.random.default_rng(seed))  # templates are made once
         all_given = [PosedViews(tuple(views[:number])) for number in range(1, len(views) + 1)]
-        growing, kept = GrowingSearch(localizer), builder()
+        incremental, kept = IncrementalSearch(localizer), builder()
         for given in map(_received, all_given):
             evidence = _timed_by(times.evidence, partial(kept.build, given))
             further = _timed_by(times.further, partial(
-                growing.localize, evidence, np.random.default_rng(seed)))
-        del growing, kept, evidence
+                incremental.localize, evidence, np.random.default_rng(seed)))
+        del incremental, kept, evidence
         for given in all_given:
             whole = _timed_by(times.whole, partial(
                 localizer.localize, builder().build(given), np.random.default_rng(seed)))

@@ -9,8 +9,8 @@ from pmcl_ros.pmcl.local_model import Observation, weighted
 from pmcl_ros.pmcl.modes import SAME_CANDIDATE
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
-    PlacedSolid,
-    Solid,
+    Interior,
+    PlacedObject,
     contact,
     resolve_penetration,
 )
@@ -28,14 +28,14 @@ Member = tuple[int, int]  # number of the object, and of its candidate
 class Candidates:
     """The candidates of one capture.
 
-    models, solids: of the distinct objects. listed: (n,) index of the object that is searched for,
-    several times for copies. least: evidence [nat / px] above which a contour is more likely
+    models, interiors: of the distinct objects. listed: (n,) index of the object that is searched
+    for, several times for copies. least: evidence [nat / px] above which a contour is more likely
     present than absent. least_support: as in `PmclSettings`.
     """
 
-    def __init__(self, models: Sequence[ObjectModel], solids: Sequence[Solid],
+    def __init__(self, models: Sequence[ObjectModel], interiors: Sequence[Interior],
                  listed: Sequence[int], least: float, least_support: float) -> None:
-        self._models, self._solids, self._listed = models, solids, listed
+        self._models, self._interiors, self._listed = models, interiors, listed
         self._least, self._least_support = least, least_support
         self._observations: list[list[Observation]] = [[] for _ in models]
         self._scales: dict[int, float] = {}
@@ -116,10 +116,11 @@ class Candidates:
 
     def _weaker_overlapping(self, member: Member) -> set[Member]:
         """Candidates of the same object that overlap one and have less evidence."""
-        number, solid = member[0], self._solids[member[0]]
+        number, interior = member[0], self._interiors[member[0]]
         return {(number, k) for k, other in enumerate(self._observations[number])
                 if self._own((number, k)) < self._own(member)
-                and contact(solid, other.pose, solid, self[member].pose).depth > MAX_PENETRATION}
+                and contact(interior, other.pose, interior, self[member].pose
+                            ).depth > MAX_PENETRATION}
 
     def _own(self, member: Member) -> float:
         local = self[member].local
@@ -137,7 +138,7 @@ class Candidates:
     def _joint(self, one: Member, other: Member) -> float:
         most = max(min(self._own(one), self._own(other)), 0.0)
         resolved = resolve_penetration(
-            [PlacedSolid(self._solids[each[0]], self[each].pose, self[each].covariance)
+            [PlacedObject(self._interiors[each[0]], self[each].pose, self[each].covariance)
              for each in (one, other)], most)
         if resolved.depth > MAX_PENETRATION or resolved.cost > most:
             return -np.inf

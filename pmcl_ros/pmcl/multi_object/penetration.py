@@ -46,7 +46,7 @@ _APART = Contact(-np.inf, np.zeros(3), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Interior:
     """The interior of a mesh, in the object's frame.
 
     The cavity of a vessel is outside where the mesh has an inner wall, and inside where it is
@@ -68,8 +68,8 @@ class Solid:
     core_radius: float
 
     @classmethod
-    def from_model(cls, model: ObjectModel) -> 'Solid':
-        """The solid of an object; the surface is sampled with a fixed seed."""
+    def from_model(cls, model: ObjectModel) -> 'Interior':
+        """The interior of an object; the surface is sampled with a fixed seed."""
         mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
         if not model.closed:
             _LOG.warning('the mesh of %s is not closed: penetration into it cannot be detected',
@@ -91,7 +91,7 @@ class Solid:
         made = replace(made, core=grid[deepest], core_radius=max(float(depths[deepest]), 0.0))
         if not made.core_radius:
             return made
-        # Of two solids in one place no point of a surface is deep in the other.
+        # Of two objects in one place no point of a surface is deep in the other.
         return replace(made, samples=np.concatenate([samples, made.core[None]]),
                        sample_normals=np.concatenate([sample_normals, np.zeros((1, 3))]))
 
@@ -111,9 +111,9 @@ class Solid:
         near = inside & (across > 0.5 * away[:, 0])
         return np.where(near, across, np.where(inside, away[:, 0], -away[:, 0])), normals
 
-    def deepest_in(self, pose: NDArray[np.float64], other: 'Solid', place: NDArray[np.float64]
+    def deepest_in(self, pose: NDArray[np.float64], other: 'Interior', place: NDArray[np.float64]
                    ) -> Contact:
-        """The deepest point of this solid at `pose` (4, 4) in another at `place` (4, 4)."""
+        """The deepest point of this object at `pose` (4, 4) in another at `place` (4, 4)."""
         to_other = np.linalg.inv(place) @ pose
         points = self.samples @ to_other[:3, :3].T + to_other[:3, 3]
         near = (points ** 2).sum(axis=1) < other.radius ** 2
@@ -129,9 +129,9 @@ class Solid:
                        way if way @ back >= 0 else back)
 
 
-def contact(first: Solid, pose: NDArray[np.float64], second: Solid, place: NDArray[np.float64]
-            ) -> Contact:
-    """The deepest contact of two solids at poses (4, 4)."""
+def contact(first: Interior, pose: NDArray[np.float64], second: Interior,
+            place: NDArray[np.float64]) -> Contact:
+    """The deepest contact of two objects at poses (4, 4)."""
     if np.linalg.norm(pose[:3, 3] - place[:3, 3]) >= first.radius + second.radius:
         return _APART
     one, two = first.deepest_in(pose, second, place), second.deepest_in(place, first, pose)
@@ -139,20 +139,20 @@ def contact(first: Solid, pose: NDArray[np.float64], second: Solid, place: NDArr
 
 
 @dataclass(frozen=True)
-class PlacedSolid:
-    """A solid at a pose (4, 4), and the covariance (6, 6) of that pose [m, rad]."""
+class PlacedObject:
+    """An object at a pose (4, 4), and the covariance (6, 6) of that pose [m, rad]."""
 
-    solid: Solid
+    interior: Interior
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
     @classmethod
-    def from_estimate(cls, solid: Solid, estimate: PoseEstimate, symmetry: Symmetry
-                      ) -> 'PlacedSolid':
+    def from_estimate(cls, interior: Interior, estimate: PoseEstimate, symmetry: Symmetry
+                      ) -> 'PlacedObject':
         """Where an object of this symmetry was found: turning about its axis changes nothing."""
         basis = symmetry.tangent_basis(estimate.pose)
         across = basis @ basis.T
-        return cls(solid, estimate.pose, across @ estimate.covariance @ across)
+        return cls(interior, estimate.pose, across @ estimate.covariance @ across)
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Resolution:
 
     deviations: (n, 6) tangent vectors (`se3.retract`) [m, rad]. cost: half their squared
     Mahalanobis distance by the poses' covariances [nat]. depth: of the deepest pair that remains
-    [m]. pair: its indices; empty for fewer than two solids.
+    [m]. pair: its indices; empty for fewer than two objects.
     """
 
     deviations: NDArray[np.float64]
@@ -170,35 +170,35 @@ class Resolution:
     pair: tuple[int, ...]
 
 
-def outside_of(solid: Solid, others: Sequence[tuple[Solid, NDArray[np.float64]]]
+def outside_of(interior: Interior, others: Sequence[tuple[Interior, NDArray[np.float64]]]
                ) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
-    """Which poses (n, 4, 4) of a solid are outside of others at poses (4, 4), as a function.
+    """Which poses (n, 4, 4) of an object are outside of others at poses (4, 4), as a function.
 
     Inscribed balls must not overlap. It is a necessary condition, and quickly checked.
     """
     middles = [(other, pose[:3, :3] @ other.core + pose[:3, 3]) for other, pose in others]
 
     def outside(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-        centres = poses[:, :3, :3] @ solid.core + poses[:, :3, 3]
+        centres = poses[:, :3, :3] @ interior.core + poses[:, :3, 3]
         possible = np.ones(len(poses), bool)
         for other, middle in middles:
             away = np.linalg.norm(centres - middle, axis=1)
-            possible &= away > _BALLS * (solid.core_radius + other.core_radius)
+            possible &= away > _BALLS * (interior.core_radius + other.core_radius)
         return possible
     return outside
 
 
-def resolve_penetration(solids: Sequence[PlacedSolid], most: float = np.inf) -> Resolution:
-    """Move solids until no two penetrate each other deeper than 1 mm.
+def resolve_penetration(objects: Sequence[PlacedObject], most: float = np.inf) -> Resolution:
+    """Move objects until no two penetrate each other deeper than 1 mm.
 
-    Each iteration moves the deepest pair so that its deepest point leaves the other solid, by the
+    Each iteration moves the deepest pair so that its deepest point leaves the other object, by the
     least squared Mahalanobis distance: a projection on the linearized constraint.
     most: stop where the cost is larger [nat].
     """
-    poses = np.array([each.pose for each in solids]).reshape(-1, 4, 4)
-    deviations = np.zeros((len(solids), 6))
+    poses = np.array([each.pose for each in objects]).reshape(-1, 4, 4)
+    deviations = np.zeros((len(objects), 6))
     contacts: dict[tuple[int, ...], Contact] = {
-        pair: _contact(solids, poses, *pair) for pair in combinations(range(len(solids)), 2)}
+        pair: _contact(objects, poses, *pair) for pair in combinations(range(len(objects)), 2)}
     for _ in range(_ITERATIONS):
         if not contacts:
             break
@@ -209,39 +209,39 @@ def resolve_penetration(solids: Sequence[PlacedSolid], most: float = np.inf) -> 
         gradients = {k: sign * np.concatenate([
             deepest.normal, np.cross(deepest.place - poses[k, :3, 3], deepest.normal)])
             for k, sign in ((first, 1.0), (second, -1.0))}
-        directions = {k: solids[k].covariance @ gradient for k, gradient in gradients.items()}
+        directions = {k: objects[k].covariance @ gradient for k, gradient in gradients.items()}
         gain = sum(float(gradients[k] @ directions[k]) for k in gradients)
         # A little farther than the linear constraint asks for: surfaces are curved.
         wanted = deepest.depth - 0.5 * _RESIDUAL
         for k, direction in directions.items():
             step = direction * wanted / gain
             deviations[k] += step
-            poses[k] = retract(solids[k].pose, deviations[k][None])[0]
-        if _cost(solids, deviations) > most:
+            poses[k] = retract(objects[k].pose, deviations[k][None])[0]
+        if _cost(objects, deviations) > most:
             break
         for pair in contacts:
             if first in pair or second in pair:
-                contacts[pair] = _contact(solids, poses, *pair)
+                contacts[pair] = _contact(objects, poses, *pair)
     last = max(contacts, key=lambda pair: contacts[pair].depth, default=())
     depth = contacts[last].depth if last else -np.inf
-    return Resolution(deviations, _cost(solids, deviations), depth, last)
+    return Resolution(deviations, _cost(objects, deviations), depth, last)
 
 
-def deepest_penetration(solids: Sequence[tuple[Solid, NDArray[np.float64]]]) -> float:
-    """Depth [m] of the deepest pair of solids at poses (4, 4); 0 or less without penetration."""
-    return max((contact(*one, *other).depth for one, other in combinations(solids, 2)),
+def deepest_penetration(objects: Sequence[tuple[Interior, NDArray[np.float64]]]) -> float:
+    """Depth [m] of the deepest pair of objects at poses (4, 4); 0 or less without penetration."""
+    return max((contact(*one, *other).depth for one, other in combinations(objects, 2)),
                default=0.0)
 
 
-def _contact(solids: Sequence[PlacedSolid], poses: NDArray[np.float64], first: int, second: int
+def _contact(objects: Sequence[PlacedObject], poses: NDArray[np.float64], first: int, second: int
              ) -> Contact:
-    return contact(solids[first].solid, poses[first], solids[second].solid, poses[second])
+    return contact(objects[first].interior, poses[first], objects[second].interior, poses[second])
 
 
-def _cost(solids: Sequence[PlacedSolid], deviations: NDArray[np.float64]) -> float:
+def _cost(objects: Sequence[PlacedObject], deviations: NDArray[np.float64]) -> float:
     """Half the sum of squared Mahalanobis distances [nat]."""
     total = 0.0
-    for each, deviation in zip(solids, deviations, strict=True):
+    for each, deviation in zip(objects, deviations, strict=True):
         # Metres and radians differ in size; the covariance is singular about an axis of symmetry.
         total += float(deviation @ np.linalg.pinv(each.covariance, 1e-12) @ deviation)
     return 0.5 * total

@@ -10,15 +10,15 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
-    PlacedSolid,
-    Solid,
+    Interior,
+    PlacedObject,
     outside_of,
     resolve_penetration,
 )
 from pmcl_ros.pmcl.multi_object.scene_estimate import ListedObjects, SceneEstimate
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges
-from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.closing import Closing
@@ -53,7 +53,7 @@ class PosedSceneLocalizer(Closing):
         lost.
         Raises as `MultiViewLocalizer.localize`.
         """
-        search = _Pursuit(self._localizers, self._objects.solids, evidence, rng,
+        search = _Pursuit(self._localizers, self._objects.interiors, evidence, rng,
                           progress or (lambda _: True))
         found = search.run(self._objects.numbers)
         # Copies are named along the x axis of the reference frame.
@@ -72,21 +72,21 @@ class PosedSceneLocalizer(Closing):
             result[worst] = replace(result[worst], lost=True)
         return result
 
-    def _placed(self, place: int, estimate: PoseEstimate) -> PlacedSolid:
+    def _placed(self, place: int, estimate: PoseEstimate) -> PlacedObject:
         objects = self._objects
-        return PlacedSolid.from_estimate(objects.solids[objects.numbers[place]], estimate,
-                                         objects.models[place].symmetry)
+        return PlacedObject.from_estimate(objects.interiors[objects.numbers[place]], estimate,
+                                          objects.models[place].symmetry)
 
 
 class _Pursuit:
     """The joint search in one capture.
 
-    localizers, solids: of the distinct objects. alone: the estimates of the separate searches.
+    localizers, interiors: of the distinct objects. alone: the estimates of the separate searches.
     """
 
-    def __init__(self, localizers: Sequence[MultiViewLocalizer], solids: Sequence[Solid],
+    def __init__(self, localizers: Sequence[MultiViewLocalizer], interiors: Sequence[Interior],
                  evidence: ViewsEvidence, rng: np.random.Generator, progress: Progress) -> None:
-        self._localizers, self._solids = localizers, solids
+        self._localizers, self._interiors = localizers, interiors
         self._whole = self._left = evidence
         self._rng, self._progress, self._stopped, self._done = rng, progress, False, 0
         self._there: list[tuple[int, PoseEstimate]] = []  # number of the object, where it is
@@ -131,13 +131,13 @@ class _Pursuit:
             return localizer.localize(self._whole, rng, progress)
         _LOG.info('%s is searched for in the residual evidence of %d objects',
                   localizer.model.name, len(self._there))
-        beside = self._beside(number)
-        found = localizer.localize(self._left, rng, progress, beside=beside, second=False)
+        others = self._others(number)
+        found = localizer.localize(self._left, rng, progress, others=others, second=False)
         # What it shares with the others is no part that is missing: the whole evidence judges.
         modes = np.stack([each.pose for each in found.modes])
         judged = localizer.localize(self._whole, rng, lambda _: progress(1.0), modes,
-                                    beside=beside)
-        possible = beside.feasible(judged.pose[None])[0] and self._stands(number, judged)
+                                    others=others)
+        possible = others.feasible(judged.pose[None])[0] and self._stands(number, judged)
         return judged if possible else replace(found, lost=True)
 
     def _accept(self, number: int, estimate: PoseEstimate) -> None:
@@ -152,9 +152,9 @@ class _Pursuit:
         """Whether an object that was found before can stand beside what is there."""
         if estimate.lost or not self._fits(number, estimate):
             return False
-        beside = self._beside(number)
+        others = self._others(number)
         left, whole = (float(self._localizers[number].evidence(each, estimate.pose[None],
-                                                               beside)[0])
+                                                               others)[0])
                        for each in (self._left, self._whole))
         return left > _ITS_OWN * whole
 
@@ -167,13 +167,13 @@ class _Pursuit:
                 return False
         return True
 
-    def _beside(self, number: int) -> Beside:
-        """What is there, beside an object."""
-        outside = outside_of(self._solids[number], [(self._solids[other], where.pose)
-                                                    for other, where in self._there])
-        return Beside(outside, [(self._localizers[other].model, where.pose)
-                                for other, where in self._there])
+    def _others(self, number: int) -> OtherObjects:
+        """What is there beside an object."""
+        outside = outside_of(self._interiors[number], [(self._interiors[other], where.pose)
+                                                       for other, where in self._there])
+        return OtherObjects(outside, [(self._localizers[other].model, where.pose)
+                                      for other, where in self._there])
 
-    def _placed(self, number: int, estimate: PoseEstimate) -> PlacedSolid:
-        return PlacedSolid.from_estimate(self._solids[number], estimate,
-                                         self._localizers[number].model.symmetry)
+    def _placed(self, number: int, estimate: PoseEstimate) -> PlacedObject:
+        return PlacedObject.from_estimate(self._interiors[number], estimate,
+                                          self._localizers[number].model.symmetry)

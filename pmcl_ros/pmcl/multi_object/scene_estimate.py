@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
+from pmcl_ros.pmcl.multi_object.penetration import Interior, deepest_penetration
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -87,9 +87,9 @@ class ListedObjects:
         return [self.distinct.index(each) for each in self.models]
 
     @cached_property
-    def solids(self) -> list[Solid]:
+    def interiors(self) -> list[Interior]:
         """(m,) of the distinct ones."""
-        return [Solid.from_model(each) for each in self.distinct]
+        return [Interior.from_model(each) for each in self.distinct]
 
     def estimate(self, found: Sequence[PoseEstimate], alone: Sequence[PoseEstimate],
                  along: Callable[[NDArray[np.float64]], float]) -> SceneEstimate:
@@ -105,7 +105,7 @@ class ListedObjects:
                           key=lambda each: (each.lost, along(each.pose)))
             for k, each in zip(places, ours, strict=True):
                 result[k] = each
-        there = [(self.solids[number], each.pose)
+        there = [(self.interiors[number], each.pose)
                  for number, each in zip(self.numbers, result, strict=True) if not each.lost]
         return SceneEstimate(self.names, tuple(result),
                              tuple(alone[number] for number in self.numbers),

@@ -61,9 +61,9 @@ class SceneLocalizer(Closing):
             raise LocalizationError('several objects are distinguished by their contours: they '
                                     'need an edge volume (dlv/edges)')
         objects = self._objects
-        search = SceneSearch(self._localizers, objects.distinct, objects.solids, objects.numbers,
-                             edges, rng, progress or (lambda _: True), self._least,
-                             self._settings.least_support)
+        search = SceneSearch(self._localizers, objects.distinct, objects.interiors,
+                             objects.numbers, edges, rng, progress or (lambda _: True),
+                             self._least, self._settings.least_support)
         found = search.run()
         # Copies are named from left to right in the image.
         return objects.estimate(found, search.alone, lambda pose: pose[0, 3] / pose[2, 3])

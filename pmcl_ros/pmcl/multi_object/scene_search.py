@@ -15,8 +15,8 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.candidates import Candidates, Member, support_beside
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
-    PlacedSolid,
-    Solid,
+    Interior,
+    PlacedObject,
     outside_of,
     resolve_penetration,
 )
@@ -33,19 +33,19 @@ _ALONE, _AGAIN = 0.7, 0.3  # shares of the time: separate searches, searches for
 class SceneSearch:
     """The joint search in one capture.
 
-    models, solids, localizers: of the distinct objects. listed: (n,) index of the object that is
-    searched for. The rest as in `SceneLocalizer.localize` and `Candidates`.
+    models, interiors, localizers: of the distinct objects. listed: (n,) index of the object that
+    is searched for. The rest as in `SceneLocalizer.localize` and `Candidates`.
     """
 
     def __init__(self, localizers: Sequence[Localizer], models: Sequence[ObjectModel],
-                 solids: Sequence[Solid], listed: Sequence[int], edges: EvidenceVolume,
+                 interiors: Sequence[Interior], listed: Sequence[int], edges: EvidenceVolume,
                  rng: np.random.Generator, progress: Progress, least: float, least_support: float
                  ) -> None:
-        self._localizers, self._models, self._solids = localizers, models, solids
+        self._localizers, self._models, self._interiors = localizers, models, interiors
         self._listed, self._edges, self._rng = listed, edges, rng
         self._progress, self._done, self._stopped = progress, 0.0, False
         self._least, self._least_support = least, least_support
-        self._candidates = Candidates(models, solids, listed, least, least_support)
+        self._candidates = Candidates(models, interiors, listed, least, least_support)
         self.alone: list[PoseEstimate] = []
         self._searches: list[list[tuple[PoseEstimate, Member]]] = [[] for _ in models]
 
@@ -106,8 +106,8 @@ class SceneSearch:
 
     def _feasible(self, number: int, there: set[Member]) -> Feasible:
         """Feasible poses of an object beside others."""
-        return outside_of(self._solids[number], [
-            (self._solids[each[0]], self._candidates[each].pose) for each in sorted(there)])
+        return outside_of(self._interiors[number], [
+            (self._interiors[each[0]], self._candidates[each].pose) for each in sorted(there)])
 
     def _visible_points(self, member: Member, assigned: Sequence[Member | None]) -> ContourPoints:
         observation = self._candidates[member]
@@ -155,7 +155,7 @@ class SceneSearch:
         """The estimates after `resolve_penetration`."""
         members = [each for each in found if not found[each].lost]
         resolved = resolve_penetration([
-            PlacedSolid.from_estimate(self._solids[each[0]], found[each],
+            PlacedObject.from_estimate(self._interiors[each[0]], found[each],
                                       self._models[each[0]].symmetry) for each in members])
         for member, off in zip(members, resolved.deviations, strict=True):
             if not off.any():

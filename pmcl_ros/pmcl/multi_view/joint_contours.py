@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.multi_view.beside import not_hidden
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.multi_view.other_objects import not_hidden
 from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.render.back_end import ContourScore

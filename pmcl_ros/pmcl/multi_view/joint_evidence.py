@@ -13,8 +13,8 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
-from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
+from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Refine
 from pmcl_ros.pmcl.prior.orientation import Orientation
@@ -52,10 +52,10 @@ class JointEvidence:
 
     @classmethod
     def from_views(cls, evidence: ViewsEvidence, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings, beside: Beside | None = None) -> 'JointEvidence':
+                   settings: PmclSettings, others: OtherObjects | None = None) -> 'JointEvidence':
         """Of the views that see the region of interest, which is a box in the reference frame.
 
-        beside: other objects, in that frame. Raises LocalizationError where none does.
+        others: other objects, in that frame. Raises LocalizationError where none does.
         """
         seen = regions_seen(evidence, model, settings)
         posed, views = [evidence.views[number] for number in seen], []
@@ -76,9 +76,9 @@ class JointEvidence:
                   else CameraErrors(evidence.errors[list(seen)]))
         return cls(model, tuple(views), cameras, errors, views[0].region,
                    (into, np.array(settings.roi_size) / 2), tuple(seen),
-                   None if beside is None else lambda poses: beside.feasible(first @ poses),
-                   () if beside is None else tuple(
-                       beside.depths(renderer, each, view.camera_to_reference)
+                   None if others is None else lambda poses: others.feasible(first @ poses),
+                   () if others is None else tuple(
+                       others.depths(renderer, each, view.camera_to_reference)
                        for each, view in zip(views, posed, strict=True)))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:

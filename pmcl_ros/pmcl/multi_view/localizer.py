@@ -13,10 +13,10 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
+from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_disagreement, warn_of_unused
@@ -60,21 +60,22 @@ class MultiViewLocalizer(Closing):
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None, beside: Beside | None = None,
+                 watch: Watch | None = None, others: OtherObjects | None = None,
                  second: bool = True, near: NDArray[np.float64] | None = None) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
-        that sees the region. beside: other objects: it is outside of them, and what they hide of
+        that sees the region. others: other objects: it is outside of them, and what they hide of
         it is not missing. second: try `second_hypothesis` for a lost object. near: (k, 4, 4), in
         the reference frame, where alone to look: poses by fewer views, say; without the second
         hypothesis.
         Raises LocalizationError where no view sees the region of interest.
         """
-        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside, near)
-        found = self._localized(evidence, rng, stages, asked)
+        stages = Stages(progress or (lambda _: True))
+        request = _Request(start, watch, others, near)
+        found = self._localized(evidence, rng, stages, request)
         used = len(found.fits)
         if self._numbers is not None or not second:
             warn_of_unused(evidence, self._settings.roi_center, used, found.estimate.lost)
@@ -84,7 +85,7 @@ class MultiViewLocalizer(Closing):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
-                views, rng, ending, replace(asked, also=found.modes)))
+                views, rng, ending, replace(request, also=found.modes)))
         warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         return with_surface(found.estimate, evidence, self.model, self._settings)
@@ -108,22 +109,22 @@ class MultiViewLocalizer(Closing):
         return made
 
     def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-                   asked: '_Asked') -> Found:
+                   request: '_Request') -> Found:
         """The pose by all of some views."""
-        coarser, watch = evidence.coarser if asked.near is None else None, asked.watch
+        coarser, watch = evidence.coarser if request.near is None else None, request.watch
         found, evaluations = ((None, 0) if coarser is None
-                              else self._found(coarser, rng, stages, asked))
-        joint = self._joint(evidence, asked.beside)
+                              else self._found(coarser, rng, stages, request))
+        joint = self._joint(evidence, request.others)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
-            if asked.near is not None:
-                judged = search.find_near(np.linalg.inv(first) @ asked.near, watch)
+            if request.near is not None:
+                scored = search.find_near(np.linalg.inv(first) @ request.near, watch)
             elif found is None:
-                judged = search.find(self._begin(joint, first, asked), rng, stages, watch)
+                scored = search.find(self._begin(joint, first, request), rng, stages, watch)
             else:
-                judged = search.sharpen(np.linalg.inv(first) @ found, rng, stages, watch)
-            sample = search.sample(judged.contenders, rng, stages, watch)
+                scored = search.sharpen(np.linalg.inv(first) @ found, rng, stages, watch)
+            sample = search.sample(scored.contenders, rng, stages, watch)
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
             modes = np.stack([each.pose for each in sample.modes])
@@ -133,30 +134,30 @@ class MultiViewLocalizer(Closing):
         return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
                       first @ modes, shown)
 
-    def _joint(self, evidence: ViewsEvidence, beside: Beside | None = None) -> JointEvidence:
+    def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,
-                                        beside)
+                                        others)
 
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-               asked: '_Asked') -> tuple[NDArray[np.float64], int]:
+               request: '_Request') -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
-        joint = self._joint(coarser, asked.beside)
+        joint = self._joint(coarser, request.others)
         first = coarser.views[joint.numbers[0]].camera_to_reference
-        begin = self._begin(joint, first, asked)
+        begin = self._begin(joint, first, request)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
-            found = first @ search.find(begin, rng, stages, asked.watch).poses
+            found = first @ search.find(begin, rng, stages, request.watch).poses
         return found, sum(each.evaluations for each in optimizers)
 
-    def _begin(self, joint: JointEvidence, first: NDArray[np.float64], asked: '_Asked'
+    def _begin(self, joint: JointEvidence, first: NDArray[np.float64], request: '_Request'
                ) -> NDArray[np.float64]:
         """(k, 4, 4) where the search begins, in the frame of the first camera (4, 4)."""
-        begin = (self._proposed(joint) if asked.start is None
-                 else np.linalg.inv(first) @ asked.start)
-        if asked.also is not None:
-            begin = np.concatenate([begin, np.linalg.inv(first) @ asked.also])
-        if asked.watch is not None:
-            asked.watch(Generation('proposals', begin, np.zeros(len(begin))))
+        begin = (self._proposed(joint) if request.start is None
+                 else np.linalg.inv(first) @ request.start)
+        if request.also is not None:
+            begin = np.concatenate([begin, np.linalg.inv(first) @ request.also])
+        if request.watch is not None:
+            request.watch(Generation('proposals', begin, np.zeros(len(begin))))
         return begin
 
     def _opened(self, joint: JointEvidence, stack: contextlib.ExitStack
@@ -259,12 +260,12 @@ class MultiViewLocalizer(Closing):
         return Thresholds(support, numbers.least_evidence, alone.weight)
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64],
-                 beside: Beside | None = None) -> NDArray[np.float64]:
+                 others: OtherObjects | None = None) -> NDArray[np.float64]:
         """(n,) evidence of poses (n, 4, 4) in the reference frame, summed over views [nat].
 
-        Nuisances are those that fit best. beside: as of `localize`.
+        Nuisances are those that fit best. others: as of `localize`.
         """
-        joint = self._joint(evidence, beside)
+        joint = self._joint(evidence, others)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             posterior = self._posterior(joint, stack)
@@ -300,11 +301,11 @@ class MultiViewLocalizer(Closing):
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What `MultiViewLocalizer.localize` was asked. also: (k, 4, 4) where to look besides."""
+class _Request:
+    """What `MultiViewLocalizer.localize` was request. also: (k, 4, 4) where to look besides."""
 
     start: NDArray[np.float64] | None
     watch: Watch | None
-    beside: Beside | None
+    others: OtherObjects | None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None

@@ -194,7 +194,7 @@ def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: M
     if not (views and others):
         return np.zeros(())
     distance, same_side, alike = pairs(views, others, error)
-    one, other = (np.concatenate([terms.curved for terms in each]) for each in (views, others))
+    one, other = (np.concatenate([terms.curvatures for terms in each]) for each in (views, others))
     return np.asarray(one.T @ ((error.covariance(distance, same_side) * alike) @ other))
 
 

@@ -35,7 +35,7 @@ class Origins:
 
 
 @dataclass(frozen=True)
-class LaidMaps:
+class PaddedMaps:
     """Evidence maps as templates are summed in them, wherever their origin is.
 
     strips: as of `strips_of`. blocks: as of `blocks_of`, of maps with room around them, so that
@@ -48,7 +48,7 @@ class LaidMaps:
     left: int
 
     @classmethod
-    def around(cls, maps: NDArray[np.int16], origins: Sequence[Origins]) -> 'LaidMaps':
+    def around(cls, maps: NDArray[np.int16], origins: Sequence[Origins]) -> 'PaddedMaps':
         """maps: (directions, rows, columns) of cells."""
         pads = []
         for size, cells in zip(maps.shape[1:], ([each.rows for each in origins],

@@ -25,8 +25,8 @@ from pmcl_ros.pmcl.proposals.branch_and_bound import SQUARE, best_places, upper_
 from pmcl_ros.pmcl.proposals.evidence_maps import (
     CELL,
     UNIT,
-    LaidMaps,
     Origins,
+    PaddedMaps,
     maps_at,
     whole_cells,
 )
@@ -109,10 +109,10 @@ class Proposals:
         if not origins:
             raise self._region.out_of_view(pinhole)
         flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
-        laid = LaidMaps.around(maps_at(edges, origins[0].depth), origins) if flat else None
+        shared = PaddedMaps.around(maps_at(edges, origins[0].depth), origins) if flat else None
         best = _Places.none()
         for each in origins:
-            maps = laid or LaidMaps.around(maps_at(edges, each.depth), [each])
+            maps = shared or PaddedMaps.around(maps_at(edges, each.depth), [each])
             best = (best + self._at_depth(pinhole, each, maps, offsets, directions, orientation,
                                           best.scores, _TRIED * count)).best(_TRIED * count)
         side, turn = np.divmod(best.templates, len(self._turns))
@@ -124,7 +124,7 @@ class Proposals:
         kept = suppress_duplicates(poses, self._symmetry, count, SAME_PROPOSAL)
         return poses[kept], best.scores[kept]
 
-    def _at_depth(self, pinhole: Pinhole, origins: Origins, maps: LaidMaps,
+    def _at_depth(self, pinhole: Pinhole, origins: Origins, maps: PaddedMaps,
                   offsets: NDArray[np.float32], directions: NDArray[np.uint8],
                   orientation: Orientation | None, known: NDArray[np.float64], count: int
                   ) -> _Places:

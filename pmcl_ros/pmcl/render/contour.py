@@ -171,8 +171,8 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
 
 
 @compiled(inlined=True, inner=True)
-def reading(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
-    """A tensor's reading for a normal, between pixels and labels; beyond it that of its end.
+def sample(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
+    """A tensor at a place for a normal, interpolated; beyond it that of its end.
 
     It is the edge energy across the normal, or the log odds of a ContourMap.
     """
@@ -273,7 +273,7 @@ def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
 
 @compiled(inlined=True, inner=True)
 def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
-    """Evidence and length [image px] of the contour in a z-buffer; found: room for its pairs."""
+    """Evidence and length [image px] of the contour in a z-buffer; found: memory for its pairs."""
     tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
     knots, widths, slopes = edges.knots, edges.widths, edges.slopes
     window = (edges.left, edges.top, edges.scale)
@@ -293,7 +293,7 @@ def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
         value = bias
         for j in range(len(offsets)):
             off = offsets[j]
-            e = reading(tensor, x + off * nx, y + off * ny, label, nx, ny)
+            e = sample(tensor, x + off * nx, y + off * ny, label, nx, ny)
             value += evidence(e, knots, widths, slopes[j])
         # A line is crossed by |nx| horizontal and |ny| vertical pairs for each pixel of it.
         pixels = window[2] / (abs(nx) + abs(ny))

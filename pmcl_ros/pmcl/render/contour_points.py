@@ -13,8 +13,8 @@ from pmcl_ros.pmcl.render.contour import (
     is_silhouette,
     normal,
     place,
-    reading,
     region_sum,
+    sample,
 )
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.runtime.kernels import compiled
@@ -113,7 +113,7 @@ def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
             values[k, 5] = edges.scale / (abs(nx) + abs(ny))
         for j in range(len(edges.offsets)):
             off = edges.offsets[j]
-            values[k, 7 + j] = reading(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
+            values[k, 7 + j] = sample(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
     return values
 
 

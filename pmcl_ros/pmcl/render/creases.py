@@ -21,7 +21,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.render.contour import Edges, check_profile, evidence, reading
+from pmcl_ros.pmcl.render.contour import Edges, check_profile, evidence, sample
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
@@ -270,5 +270,5 @@ def _energy(edges, j, x, y, nx, ny, closeness):  # type: ignore[no-untyped-def]
     """The energy across a crease at an offset of the profile; x, y: in the window [image px]."""
     mx, my, off = np.float32(nx), np.float32(ny), edges.offsets[j]
     label = np.float32((closeness - edges.farthest) * edges.per_closeness)
-    return reading(edges.tensor, np.float32(x + edges.left) + off * mx,
+    return sample(edges.tensor, np.float32(x + edges.left) + off * mx,
                   np.float32(y + edges.top) + off * my, label, mx, my)

@@ -23,12 +23,12 @@ from pmcl_ros.pmcl.render.contour import (
     is_silhouette,
     normal,
     place,
-    reading,
     region_at,
     region_sum,
+    sample,
 )
 from pmcl_ros.pmcl.render.numba_renderer import tiny_scene
-from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
+from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.kernels import compiled, rounds
 
@@ -92,8 +92,8 @@ class ContourExpansion:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
-        self._room = Room.for_threads(self._drawing)
-        threads, pixels = self._room.z.shape
+        self._buffers = Buffers.for_threads(self._drawing)
+        threads, pixels = self._buffers.z.shape
         self._found = np.zeros((threads, 2 * pixels), np.int32)
         pinhole = edges.pinhole
         # Kernels are compiled for each combination of types that they are called with.
@@ -117,7 +117,7 @@ class ContourExpansion:
         """What `_expand` is called with."""
         if self._camera is not None:
             poses = np.linalg.inv(self._camera) @ poses
-        return (self._drawing, self._room, self._edges, self._found, self._pinhole, self._step,
+        return (self._drawing, self._buffers, self._edges, self._found, self._pinhole, self._step,
                 np.array(poses, np.float64, order='C'), made.values, made.lengths, made.gradient,
                 made.information, made.moments)
 
@@ -200,13 +200,13 @@ class GaussNewton:
 
 
 @compiled(parallel=True)
-def _expand(drawing, room, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
+def _expand(drawing, buffers, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
             values, lengths, gradient, information, moments, portion):
     for n in rounds(len(poses), portion):
         k = portion[0]
-        window = draw(drawing, poses[n].astype(np.float32), room.corners[k], room.exact[k],
-                      room.z[k])
-        values[n], lengths[n] = _slopes(window, room.z[k], edges, found[k], camera,
+        window = draw(drawing, poses[n].astype(np.float32), buffers.corners[k], buffers.exact[k],
+                      buffers.z[k])
+        values[n], lengths[n] = _slopes(window, buffers.z[k], edges, found[k], camera,
                                         poses[n, :3, 3], step, gradient[n], information[n],
                                         moments[n])
 
@@ -242,7 +242,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
             aside = np.float32((i - 1) * step)
             for j in range(len(offsets)):
                 off = offsets[j] + aside
-                e = reading(tensor, x + off * nx, y + off * ny, label, nx, ny)
+                e = sample(tensor, x + off * nx, y + off * ny, label, nx, ny)
                 values[i] += evidence(e, knots, widths, slopes[j])
         weight = window[2] / (abs(nx) + abs(ny))
         total += weight * values[1]

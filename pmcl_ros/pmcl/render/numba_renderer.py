@@ -17,7 +17,7 @@ from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
-from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
+from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.kernel_threads import LOCK
@@ -34,7 +34,7 @@ class NumbaRenderer:
         """See `Renderer`."""
         drawing = Drawing.from_scene(scene)
         inverse = np.zeros((len(poses), drawing.height, drawing.width), np.float32)
-        _draw_all(drawing, _float32(poses), Room.for_threads(drawing), inverse)
+        _draw_all(drawing, _float32(poses), Buffers.for_threads(drawing), inverse)
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
     def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
@@ -83,8 +83,8 @@ class NumbaContourScore(Closing):
         self.evaluations = 0
         self._scene, self._drawing = scene, Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
-        self._room = Room.for_threads(self._drawing)
-        self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
+        self._buffers = Buffers.for_threads(self._drawing)
+        self._found = np.zeros((len(self._buffers.z), 2 * self._buffers.z.shape[1]), np.int32)
         self._creases = creases
         self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
 
@@ -96,7 +96,7 @@ class NumbaContourScore(Closing):
         """See `ContourScore`."""
         self.evaluations += len(poses)
         result = np.zeros((len(poses), 2))
-        given = self._drawing, _float32(poses), self._room, self._edges, self._found
+        given = self._drawing, _float32(poses), self._buffers, self._edges, self._found
         if self._lines is None:
             _contours(*given, result)
         else:
@@ -126,9 +126,9 @@ class NumbaContourScore(Closing):
     def _drawn(self, pose: NDArray[np.floating]
                ) -> tuple[tuple[int, int, int, int], NDArray[np.float32]]:
         """Box and z-buffer; the lock is held."""
-        room = self._room
-        return draw(self._drawing, _float32(pose), room.corners[0], room.exact[0],
-                    room.z[0]), room.z[0]
+        buffers = self._buffers
+        return draw(self._drawing, _float32(pose), buffers.corners[0], buffers.exact[0],
+                    buffers.z[0]), buffers.z[0]
 
 
 class NumbaLikelihoodScore(Closing):
@@ -137,7 +137,7 @@ class NumbaLikelihoodScore(Closing):
     def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
         self.evaluations = 0
         self._drawing = Drawing.from_scene(scene)
-        self._room = Room.for_threads(self._drawing)
+        self._buffers = Buffers.for_threads(self._drawing)
         self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
         self._labels = label_scale(volume.depths)
         self._window = (scene.window.left, scene.window.top, scene.window.scale)
@@ -146,7 +146,7 @@ class NumbaLikelihoodScore(Closing):
         """See `LikelihoodScore`."""
         self.evaluations += len(poses)
         result = np.zeros(len(poses))
-        _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
+        _likelihoods(self._drawing, _float32(poses), self._buffers, self._volume, *self._window,
                      *self._labels, result)
         return result
 
@@ -166,12 +166,12 @@ def tiny_scene() -> tuple[Scene, EdgeVolume]:
 
 
 @compiled(parallel=True)
-def _draw_all(drawing, poses, room, inverse, portion):  # type: ignore[no-untyped-def]
+def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-untyped-def]
     for n in rounds(len(poses), portion):
         thread = portion[0]
-        z = room.z[thread]
-        left, top, right, bottom = draw(drawing, poses[n], room.corners[thread],
-                                        room.exact[thread], z)
+        z = buffers.z[thread]
+        left, top, right, bottom = draw(drawing, poses[n], buffers.corners[thread],
+                                        buffers.exact[thread], z)
         stride = right - left + 2 * MARGIN
         for row in range(bottom - top):
             first = (row + MARGIN) * stride + MARGIN
@@ -179,32 +179,32 @@ def _draw_all(drawing, poses, room, inverse, portion):  # type: ignore[no-untype
 
 
 @compiled(parallel=True)
-def _contours(drawing, poses, room, edges, found, result, portion):  # type: ignore[no-untyped-def]
+def _contours(drawing, poses, buffers, edges, found, result, portion):  # type: ignore[no-untyped-def]
     for n in rounds(len(poses), portion):
         thread = portion[0]
-        z = room.z[thread]
-        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        z = buffers.z[thread]
+        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
         result[n, 0], result[n, 1] = sums(box, z, edges, found[thread])
 
 
 @compiled(parallel=True)
-def _contours_and_creases(drawing, poses, room, edges, found,  # type: ignore[no-untyped-def]
+def _contours_and_creases(drawing, poses, buffers, edges, found,  # type: ignore[no-untyped-def]
                           lines, marks, result, portion):
     for n in rounds(len(poses), portion):
         thread = portion[0]
-        z = room.z[thread]
-        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        z = buffers.z[thread]
+        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
         total, result[n, 1] = sums(box, z, edges, found[thread])
         result[n, 0] = total + max(crease_sum(poses[n], box, z, lines, marks), 0.0)
 
 
 @compiled(parallel=True)
-def _likelihoods(drawing, poses, room, volume, left, top, scale,  # type: ignore[no-untyped-def]
+def _likelihoods(drawing, poses, buffers, volume, left, top, scale,  # type: ignore[no-untyped-def]
                  farthest, per_closeness, result, portion):
     for n in rounds(len(poses), portion):
         thread = portion[0]
-        z = room.z[thread]
-        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        z = buffers.z[thread]
+        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)
 
 

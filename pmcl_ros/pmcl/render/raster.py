@@ -74,7 +74,7 @@ def check_size(window: Window) -> None:
             f'{-(-max(width, height) // LARGEST)} times as large (--shrink)')
 
 
-class Room(NamedTuple):
+class Buffers(NamedTuple):
     """Memory that drawing needs, for each thread that draws.
 
     corners: (threads, 2, n) projected vertices, rounded [1/256 px]. exact: (threads, 3, n) the
@@ -86,7 +86,7 @@ class Room(NamedTuple):
     z: NDArray[np.float32]
 
     @classmethod
-    def for_threads(cls, drawing: Drawing) -> 'Room':
+    def for_threads(cls, drawing: Drawing) -> 'Buffers':
         """For each core."""
         width, height = drawing.width, drawing.height
         count = drawing.vertices.shape[1]
@@ -101,7 +101,7 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
     """Draw one pose; returns left, top, right, bottom (exclusive) of what may be covered.
 
     pose: (4, 4) float32, object to camera; one that is not finite shows nothing.
-    corners, exact, z: of the thread's `Room`; the z-buffer's rows are right - left + 2 MARGIN
+    corners, exact, z: of the thread's `Buffers`; the z-buffer's rows are right - left + 2 MARGIN
         long.
     """
     vertices, faces, closed = drawing.vertices, drawing.faces, drawing.closed
@@ -171,7 +171,7 @@ def _usual(corner, inverse, width, height, guard):  # type: ignore[no-untyped-de
 @compiled(inlined=True, inner=True)
 def _project(vertices, pose, camera, near, water,  # type: ignore[no-untyped-def]
              corners, exact):
-    """Project into the window, from its own corner (`Room`)."""
+    """Project into the window, from its own corner (`Buffers`)."""
     fx, fy, cx, cy = camera
     half, scale, limit = np.float32(0.5), np.float32(256), np.float32(1 << 14)
     r00, r01, r02, tx = pose[0]

@@ -1,4 +1,4 @@
-"""Depth of points in solids, and how solids in each other are moved apart."""
+"""Depth of points in objects, and how objects in each other are moved apart."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
-    PlacedSolid,
-    Solid,
+    Interior,
+    PlacedObject,
     contact,
     deepest_penetration,
     resolve_penetration,
@@ -21,12 +21,12 @@ from pmcl_ros.pmcl.multi_object.penetration import (
 NEAR = 0.0006  # m: points on the surface are about that far apart
 
 
-def solid(mesh):
-    return Solid.from_model(model_of(mesh))
+def interior_of(mesh):
+    return Interior.from_model(model_of(mesh))
 
 
-BALL = solid(trimesh.creation.icosphere(4, 0.03))
-BOX = solid(trimesh.creation.box((0.04, 0.06, 0.1)))
+BALL = interior_of(trimesh.creation.icosphere(4, 0.03))
+BOX = interior_of(trimesh.creation.box((0.04, 0.06, 0.1)))
 
 
 def test_depth_in_a_ball():
@@ -74,7 +74,7 @@ def test_two_balls_are_as_deep_in_each_other_as_their_centres_say(apart):
 
 @pytest.mark.parametrize('turn', [[0, 0, 0], [np.pi, 0, 0]])
 @pytest.mark.parametrize('shift', [0.0, 0.0005])
-def test_two_solids_in_one_place_are_deep_in_each_other(turn, shift):
+def test_two_objects_in_one_place_are_deep_in_each_other(turn, shift):
     place = np.array([0.1, -0.2, 0.5])
     other = pose_of(Rotation.from_euler('xyz', turn), place + np.array([shift, 0, 0]))
     for each in (BALL, BOX):
@@ -86,8 +86,8 @@ def test_two_solids_in_one_place_are_deep_in_each_other(turn, shift):
 def test_a_ball_in_a_jar_is_in_its_cavity_if_the_mesh_has_one():
     outer, inner = [(0, -0.05), (0.05, -0.05), (0.05, 0.05)], [(0.045, 0.05), (0.045, -0.045),
                                                                (0, -0.045)]
-    jar = solid(trimesh.creation.revolve([*outer, *inner], sections=48))
-    closed = solid(trimesh.creation.revolve([*outer, (0, 0.05)], sections=48))
+    jar = interior_of(trimesh.creation.revolve([*outer, *inner], sections=48))
+    closed = interior_of(trimesh.creation.revolve([*outer, (0, 0.05)], sections=48))
     assert jar.closed
     assert closed.closed
     here = np.eye(4)
@@ -100,7 +100,7 @@ def test_a_ball_in_a_jar_is_in_its_cavity_if_the_mesh_has_one():
 def test_nothing_is_in_a_mesh_that_is_not_closed(caplog):
     mesh = trimesh.creation.box((0.1, 0.1, 0.1))
     mesh.update_faces(np.arange(len(mesh.faces)) > 1)
-    sheet = solid(mesh)
+    sheet = interior_of(mesh)
     assert 'not closed' in caplog.text
     assert sheet.core_radius == 0
     assert contact(sheet, np.eye(4), sheet, np.eye(4)).depth <= 0
@@ -115,7 +115,7 @@ def at(x, y, z):
 
 
 def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
-    things = [PlacedSolid(BALL, at(0.01, 0, 0.5), SURE), PlacedSolid(BALL, at(0, 0, 0.55), DEEP)]
+    things = [PlacedObject(BALL, at(0.01, 0, 0.5), SURE), PlacedObject(BALL, at(0, 0, 0.55), DEEP)]
     found = resolve_penetration(things)
     assert found.depth <= MAX_PENETRATION
     first, second = np.abs(found.deviations[:, :3])
@@ -125,12 +125,12 @@ def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
 
 
 def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
-    far = [PlacedSolid(BALL, at(0, 0, 0.5), SURE), PlacedSolid(BALL, at(0.07, 0, 0.5), SURE)]
+    far = [PlacedObject(BALL, at(0, 0, 0.5), SURE), PlacedObject(BALL, at(0.07, 0, 0.5), SURE)]
     found = resolve_penetration(far)
     assert not found.deviations.any()
     assert found.cost == 0
-    assert deepest_penetration([(each.solid, each.pose) for each in far]) <= 0
-    same = [PlacedSolid(BALL, at(0, 0, 0.5), SURE), PlacedSolid(BALL, at(0.01, 0, 0.5), SURE)]
+    assert deepest_penetration([(each.interior, each.pose) for each in far]) <= 0
+    same = [PlacedObject(BALL, at(0, 0, 0.5), SURE), PlacedObject(BALL, at(0.01, 0, 0.5), SURE)]
     given_up = resolve_penetration(same, most=10.0)
     assert given_up.cost > 10
     assert resolve_penetration([]).depth == -np.inf
@@ -143,10 +143,10 @@ def test_any_three_are_apart_in_the_end(numbers):
     spots += [[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0]]
     turn = Rotation.from_rotvec(numbers[9:])
     wide = np.diag([1e-4] * 3 + [1e-2] * 3)
-    things = [PlacedSolid(solid, pose_of(turn, spot), wide)
-              for solid, spot in zip((BALL, BOX, BALL), spots, strict=True)]
+    things = [PlacedObject(interior, pose_of(turn, spot), wide)
+              for interior, spot in zip((BALL, BOX, BALL), spots, strict=True)]
     found = resolve_penetration(things)
-    after = [(each.solid, retract(each.pose, off[None])[0])
+    after = [(each.interior, retract(each.pose, off[None])[0])
              for each, off in zip(things, found.deviations, strict=True)]
     depth = deepest_penetration(after)
     assert depth == pytest.approx(max(found.depth, depth))

@@ -11,7 +11,7 @@ from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Solid, deepest_penetration
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Interior, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_estimate import distinct_names
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.runtime.errors import LocalizationError
@@ -79,9 +79,9 @@ def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_
     front, behind = standing(-0.012, 0.005, 0.4, 0.1), standing(0.008, 0.0, 0.441, 0.1)
     seen = seen_together([(CUP, front), (BOTTLE, behind)], through=True)
     found = located([CUP, BOTTLE], seen)
-    solids = Solid.from_model(CUP), Solid.from_model(BOTTLE)
+    interiors = Interior.from_model(CUP), Interior.from_model(BOTTLE)
     before, after = (
-        deepest_penetration(list(zip(solids, (each.pose for each in estimates), strict=True)))
+        deepest_penetration(list(zip(interiors, (each.pose for each in estimates), strict=True)))
         for estimates in (found.alone, found.estimates))
     assert before > MAX_PENETRATION
     assert 0 < after == found.depth <= MAX_PENETRATION

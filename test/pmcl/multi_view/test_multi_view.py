@@ -539,10 +539,10 @@ def test_sums_over_pairs_are_those_of_dense_matrices(contours, count):
                                   else pairs(terms, terms, error))
     noise = np.where(same_side, np.maximum(1 - distance / REACH, 0), 0) * alike
     moved = error.covariance(distance, same_side) * alike
-    gradients, curved = (np.concatenate([getattr(each, name) for each in terms])
-                         for name in ('gradients', 'curved'))
+    gradients, curvatures = (np.concatenate([getattr(each, name) for each in terms])
+                         for name in ('gradients', 'curvatures'))
     for mine, values, motions in zip(sums_over_pairs(terms, error), (noise, moved),
-                                     (gradients, curved), strict=True):
+                                     (gradients, curvatures), strict=True):
         expected = motions.T @ values @ motions
         # The angle of a view to itself is 0 or 2e-8, by how its product was summed.
         np.testing.assert_allclose(mine, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

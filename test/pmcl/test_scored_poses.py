@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.pmcl.search import Judged
+from pmcl_ros.pmcl.search import ScoredPoses
 
 
 @pytest.mark.parametrize(('values', 'count'), [
@@ -14,6 +14,6 @@ from pmcl_ros.pmcl.search import Judged
 ])
 def test_poses_far_behind_the_best_are_no_contenders(values, count):
     poses = np.eye(4) * np.arange(1, 4)[:, None, None]
-    judged = Judged(poses, np.array(values))
-    np.testing.assert_array_equal(judged.contenders, poses[:count])
-    np.testing.assert_array_equal(judged.first(2).poses, poses[:2])
+    scored = ScoredPoses(poses, np.array(values))
+    np.testing.assert_array_equal(scored.contenders, poses[:count])
+    np.testing.assert_array_equal(scored.first(2).poses, poses[:2])

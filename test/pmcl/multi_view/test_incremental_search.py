@@ -12,7 +12,7 @@ from test_multi_view import BRACKET, CUP, around, error, found, maps_seen, setti
 
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.modes import ambiguous_poses
-from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
+from pmcl_ros.pmcl.multi_view.incremental_search import IncrementalSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 
 ANGLES = [0, 25, -25, 12]
@@ -33,7 +33,7 @@ def localizer():
 @pytest.fixture(scope='module')
 def begun(localizer, evidence):
     """A search that has seen the first view."""
-    search = GrowingSearch(localizer)
+    search = IncrementalSearch(localizer)
     assert not search.localize(first(evidence, 1), np.random.default_rng(0)).lost
     return search
 
@@ -51,7 +51,7 @@ def first(evidence, count):
 
 def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, localizer, caplog):
     caplog.set_level(logging.INFO)
-    search, sigmas, bounds = GrowingSearch(localizer), [], []
+    search, sigmas, bounds = IncrementalSearch(localizer), [], []
     for count in range(1, len(ANGLES) + 1):
         estimate = search.localize(first(evidence, count), np.random.default_rng(count))
         assert not estimate.lost

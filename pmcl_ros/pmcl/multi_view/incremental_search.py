@@ -33,7 +33,7 @@ class _Last:
             for each in self.evidence.views)
 
 
-class GrowingSearch:
+class IncrementalSearch:
     """`MultiViewLocalizer.localize` of a collection that grows.
 
     Where all views of the last search came again, with others, and all showed the object, the

@@ -16,15 +16,15 @@ from pmcl_ros.pmcl.render.scene import Window
 
 
 @dataclass(frozen=True)
-class Beside:
+class OtherObjects:
     """Other objects that are known to be there.
 
-    feasible: (n,) which of poses (n, 4, 4) are outside of them. things: each with its pose
+    feasible: (n,) which of poses (n, 4, 4) are outside of them. placed: each with its pose
     (4, 4). Poses are in the reference frame of the views.
     """
 
     feasible: Feasible
-    things: Sequence[tuple[ObjectModel, NDArray[np.float64]]]
+    placed: Sequence[tuple[ObjectModel, NDArray[np.float64]]]
 
     def depths(self, renderer: Renderer, view: ContourEvidence, camera: NDArray[np.float64]
                ) -> NDArray[np.float32]:
@@ -32,7 +32,7 @@ class Beside:
         pinhole = view.edges.pinhole
         window = Window(0, 0, (pinhole.width, pinhole.height))
         front = np.full((pinhole.height, pinhole.width), np.inf, np.float32)
-        for model, pose in self.things:
+        for model, pose in self.placed:
             drawn = scene(model, view.region, pinhole, window, 0.0, view.interface)
             depth = renderer.depths(drawn, (np.linalg.inv(camera) @ pose)[None])[0]
             front = np.where((depth > 0) & (depth < front), depth, front)
