@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from pmcl_scenes import CAMERA, cup, model_of
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
 from pmcl_ros.dlv.build import build_volume
@@ -23,6 +24,7 @@ from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.pipeline import (
@@ -279,6 +281,21 @@ def test_a_region_that_is_out_of_view_is_told_before_evidence_is_made(read, told
     with Pipeline.for_object(CUP, settings, FEW,
                              posed=isinstance(read(), PosedViews)) as pipeline, pytest.raises(
                                  LocalizationError, match=told):
+        pipeline.run(read, np.random.default_rng(1), lambda stage, _: stages.append(stage))
+    assert stages == ['views']
+
+
+def test_poses_that_seem_mistaken_are_refused_before_evidence_is_made():
+    def read():
+        turns = Rotation.from_euler('y', np.linspace(0, 45, 4)[:, None], degrees=True)
+        opengl = (pose_of(turn, SETTINGS.roi_center - turn.apply(SETTINGS.roi_center))
+                  @ np.diag([1.0, -1, -1, 1]) for turn in turns)
+        return PosedViews((picture(), *(replace(picture(), camera_to_reference=each)
+                                        for each in opengl)))
+
+    stages = []
+    with Pipeline.for_object(CUP, SETTINGS, FEW, posed=True) as pipeline, pytest.raises(
+            LocalizationError, match=r'^1 of 5 views see .* \(OpenGL, Blender\)'):
         pipeline.run(read, np.random.default_rng(1), lambda stage, _: stages.append(stage))
     assert stages == ['views']
 

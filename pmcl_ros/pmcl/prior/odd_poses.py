@@ -7,14 +7,19 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.runtime.errors import LocalizationError
 
 _BACKWARDS = np.diag([1.0, -1, -1, 1])
 _ASK = ('are poses and region of the same frame, in metres, quaternions in the order x, y, z, w, '
         'and the poses from the camera (z forward) to that frame?')
+_MOST = 0.8  # share of the views that see a place, of poses without a mistake
+_FAR = 10.0  # m: no camera on a robot is as far from its frame; in millimetres most are
 
 
 def _in_metres(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A pose in millimetres."""
+    """A pose in millimetres; in metres already where it is near."""
+    if np.linalg.norm(pose[:3, 3]) <= _FAR:
+        return pose
     pose = pose.copy()
     pose[:3, 3] /= 1000
     return pose
@@ -41,11 +46,32 @@ def sees(pinhole: Pinhole, camera: NDArray[np.float64], place: tuple[float, floa
 
 def likely_mistake(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
                    place: tuple[float, float, float]) -> str:
-    """A question for the usual mistake in poses without which all cameras see a place, or for all.
+    """A question for the mistake in poses without which most views see a place, or for all.
 
     cameras: each with its pose (4, 4) in the frame of the place [m].
     """
+    return _mistake(cameras, place) or _ASK
+
+
+def check_poses(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+                place: tuple[float, float, float], seen: int) -> None:
+    """Raise LocalizationError where a mistake explains that most views do not see a region.
+
+    What the others show there is not the object. cameras: as of `likely_mistake`. place: the
+    region's middle. seen: number of views that see any of it.
+    """
+    if seen < len(cameras) / 2 and (mistake := _mistake(cameras, place)):
+        raise LocalizationError(
+            f'{seen} of {len(cameras)} views see the region of interest: {mistake}; mend the '
+            'poses, or leave out the views that do not see it')
+
+
+def _mistake(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+             place: tuple[float, float, float]) -> str:
+    """The question for one mistake; empty where none explains what the views do not see."""
     for mistake, mended in _MISTAKES.items():
-        if all(sees(pinhole, mended(camera), place) for pinhole, camera in cameras):
-            return f'{mistake} all {len(cameras)} views see its middle'
-    return _ASK
+        count = sum(sees(pinhole, mended(camera), place) for pinhole, camera in cameras)
+        if count >= _MOST * len(cameras):
+            share = 'all' if count == len(cameras) else f'{count} of'
+            return f'{mistake} {share} {len(cameras)} views see its middle'
+    return ''

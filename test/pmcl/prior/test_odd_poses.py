@@ -6,20 +6,21 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
-from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
+from pmcl_ros.pmcl.prior.odd_poses import check_poses, likely_mistake, sees
 from pmcl_ros.pmcl.prior.region import regions_before
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
 CAMERA = Pinhole(640, 480, 600.0, 600.0, 322.0, 238.0)
 PLACE = (0.5, 0.2, 0.1)
+BACKWARDS = np.diag([1.0, -1, -1, 1])
 
 
-def around(count=4):
-    """Cameras of an arm that look at PLACE from 0.6 m, 40 degrees down, over 90 degrees."""
+def around(begin=0):
+    """Four cameras of an arm that look at PLACE from 0.6 m, 40 degrees down, over 90 degrees."""
     return [pose_of(turn, np.array(PLACE) - 0.6 * turn.as_matrix()[:, 2]) for turn in (
         Rotation.from_euler('ZX', [angle, -130], degrees=True)
-        for angle in np.linspace(0, 90, count))]
+        for angle in np.linspace(begin, begin + 90, 4))]
 
 
 def in_millimetres(pose):
@@ -35,13 +36,13 @@ def of_camera(poses):
 def test_a_camera_sees_what_is_before_it():
     camera = around()[0]
     assert sees(CAMERA, camera, PLACE)
-    assert not sees(CAMERA, camera @ np.diag([1.0, -1, -1, 1]), PLACE)
+    assert not sees(CAMERA, camera @ BACKWARDS, PLACE)
     assert not sees(CAMERA, camera, tuple(np.add(PLACE, 0.5 * camera[:3, 0])))
 
 
 @pytest.mark.parametrize(('mistaken', 'told'), [
     (inverse, 'from that frame to the camera? By their inverses all 4 views see its middle'),
-    (lambda pose: pose @ np.diag([1.0, -1, -1, 1]), 'look along -z (OpenGL, Blender)?'),
+    (lambda pose: pose @ BACKWARDS, 'look along -z (OpenGL, Blender)?'),
     (in_millimetres, 'are the poses in millimetres? In metres all 4 views'),
     (lambda pose: pose @ pose_of(Rotation.from_euler('x', 90, degrees=True), [0, 0, 0]),
      'are poses and region of the same frame, in metres')],
@@ -56,14 +57,28 @@ def test_it_is_asked_where_no_view_sees_the_region():
                        'base')
 
 
-def test_some_views_that_see_it_do_not_make_poses_right():
-    # The reference frame is that of a camera, whose pose is its own inverse.
-    first, *others = around()
-    place = tuple(inverse(first)[:3, :3] @ PLACE + inverse(first)[:3, 3])
-    poses = [np.eye(4), *(inverse(inverse(first) @ each) for each in others)]
-    assert sees(CAMERA, poses[0], place)
-    assert 'By their inverses all 4 views see its middle' in likely_mistake(
-        of_camera(poses), place)
+@pytest.mark.parametrize(('mistaken', 'told'), [
+    (inverse, 'By their inverses 4 of 5 views see its middle'),
+    (lambda pose: pose @ BACKWARDS, 'third column of their poses 4 of 5 views see its middle'),
+    (in_millimetres, 'In metres all 5 views see its middle')],
+    ids=['inverses', 'opengl', 'millimetres'])
+def test_one_view_that_sees_it_by_chance_does_not_make_poses_right(mistaken, told):
+    right = around(180)
+    given = of_camera([right[0], *map(mistaken, right)])
+    assert [sees(*each, PLACE) for each in given] == [True, *[False] * 4]
+    with pytest.raises(LocalizationError, match=f'^1 of 5 views see the region of .*{told}; mend'):
+        check_poses(given, PLACE, 1)
+    check_poses(given[:2], PLACE, 1)  # the second of a growing set may look elsewhere
+    check_poses(given, PLACE, 3)  # others see a part of it
+
+
+@pytest.mark.parametrize('turned', [0, 45], ids=['along a rail', 'turning away'])
+def test_most_views_may_look_past_the_region(turned):
+    given = of_camera(pose_of(Rotation.from_euler('y', turned * number, degrees=True),
+                              np.array([number, 0, 0])) for number in range(5))
+    place = (0.0, 0.0, 0.6)
+    assert [sees(*each, place) for each in given] == [True, *[False] * 4]
+    check_poses(given, place, 1)
 
 
 def test_a_region_that_reaches_behind_the_cameras_is_told():
