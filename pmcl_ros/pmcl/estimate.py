@@ -12,6 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract, rotate_covariance
 
 FOLLOWED = 'followed'  # the mode of an estimate that was found near a prediction
+_JUDGED = 'support', 'evidence', 'least_support', 'least_evidence', 'least_weight'
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ class PoseEstimate:
             modes=tuple(replace(each, pose=camera @ each.pose) for each in self.modes))
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields of the command line's JSON (architecture, "The command line")."""
+        """The fields of the command line's JSON (docs/reference/commands.md)."""
         return {'position': self.pose[:3, 3].tolist(),
                 'orientation_xyzw': self.quaternion.tolist(),
                 'covariance': self.covariance.ravel().tolist(),
@@ -110,6 +111,8 @@ class PoseEstimate:
                 **({'why_lost': self._why_lost} if self._why_lost else {}),
                 **({'hidden_views': list(self.hidden)} if self.hidden else {}),
                 **({'evidence_of': self.evidence_of} if self.evidence_of else {}),
+                **{name: value for name in _JUDGED
+                   if math.isfinite(value := getattr(self, name))},
                 'modes': [{'position': each.pose[:3, 3].tolist(),
                            'orientation_xyzw': _quaternion(each.pose).tolist(),
                            'weight': each.weight, 'score': each.score} for each in self.modes]}

@@ -58,7 +58,10 @@ def test_localize_prints_one_json_object_with_the_pose(captures, tmp_path):
                         '--seed', 3, '--json', '--out', tmp_path)
     result = json.loads(done.stdout)
     assert set(result) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost',
-                           'modes', 'timings_ms'}
+                           'support', 'evidence', 'least_support', 'least_evidence',
+                           'least_weight', 'modes', 'timings_ms'}
+    for name in ('support', 'evidence'):
+        assert result[name] >= result[f'least_{name}']
     assert sum(each['weight'] for each in result['modes']) == pytest.approx(1)
     assert set(result['timings_ms']) == {'decode', 'dlv', 'pmcl'}
     assert result['lost'] is False

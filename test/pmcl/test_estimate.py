@@ -31,6 +31,12 @@ def test_the_dictionary_is_what_the_command_line_promises():
                               'orientation_xyzw': said['orientation_xyzw']}]
     assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
     assert replace(make(), degrees_of_freedom=4.0).as_dict()['degrees_of_freedom'] == 4
+    judged = {'support': 0.5, 'least_support': 0.36, 'evidence': 1.2, 'least_evidence': 1.03,
+              'least_weight': 0.95}
+    assert judged.items() <= replace(make(), **judged).as_dict().items()
+    unlike = replace(make(), **judged | {'support': -np.inf}).as_dict()
+    assert 'Infinity' not in json.dumps(unlike)
+    assert judged.keys() - unlike.keys() == {'support'}
 
 
 @pytest.mark.parametrize(('numbers', 'word', 'why'), [
