@@ -3,23 +3,21 @@
 import sys
 import time
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.image import colours_from, decompressed_from
+from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, TfPoses, tf2
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
@@ -30,7 +28,6 @@ from pmcl_ros.nodes.view_outputs import posed_view_outputs
 from pmcl_ros.runtime.errors import MessageError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 
-_Image: TypeAlias = Image | CompressedImage
 _GROUP = 'cameras'
 _CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
 _LOOK = 0.2  # s between two looks for pictures that have waited too long
@@ -69,7 +66,7 @@ class FixedCameras(StageNode):
         settings = self._settings
         self._lenses: dict[str, Lens] = {}
         self._last: dict[str, int] = {}  # stamps [ns] of the last usable pictures
-        self._early: dict[str, _Image] = {}  # the last picture of a camera without a lens
+        self._early: dict[str, Picture] = {}  # the last picture of a camera without a lens
         self._sets: ApproximateSynchronizer[_Waiting] = ApproximateSynchronizer(
             settings.cameras, round(1e9 * settings.slop))
         self._room = _MOST_WAITING
@@ -78,14 +75,10 @@ class FixedCameras(StageNode):
         self._posed = DeferredPublisher(self, self._outputs, '')
         if self._tf is not None:
             self._tf.start()
-        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE if settings.reliable
-                         else ReliabilityPolicy.BEST_EFFORT)
         image = 'image_rect' if settings.rectified else 'image_raw'
-        image += '/compressed' * settings.compressed
-        kind = CompressedImage if settings.compressed else Image
         for each in settings.cameras:
-            self.subscribe(CameraInfo, f'{each}/camera_info', partial(self._on_info, each), qos)
-            self.subscribe(kind, f'{each}/{image}', partial(self._on_image, each), qos)
+            subscribe_camera(self, settings, f'{each}/{image}', f'{each}/camera_info',
+                             partial(self._on_image, each), partial(self._on_info, each))
         self.every(_LOOK, self._join)
 
     def _on_info(self, camera: str, message: CameraInfo) -> None:
@@ -94,7 +87,7 @@ class FixedCameras(StageNode):
         if camera in self._early:
             self._add(camera, self._early.pop(camera))
 
-    def _on_image(self, camera: str, message: _Image) -> None:
+    def _on_image(self, camera: str, message: Picture) -> None:
         self.health.frames_in += 1
         self.health.count(f'pictures of {camera}')
         if camera in self._lenses:
@@ -105,14 +98,13 @@ class FixedCameras(StageNode):
         if before is not None:
             raise MessageError(f'no camera_info that can be used has come on {camera}/camera_info')
 
-    def _add(self, camera: str, message: _Image) -> None:
+    def _add(self, camera: str, message: Picture) -> None:
         """Add a picture to the sets; a PmclError where it cannot be used."""
         header = header_from(message.header)
         pose = (self._poses[camera] if self._tf is None
                 else self._tf.nearest(0, header.frame_id, 0))  # the newest: it does not move
-        pixels = (decompressed_from if self._settings.compressed else colours_from)(message)
-        frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, full_range(
-            pixels, self._settings.bits), self._lenses[camera], pose)
+        frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, pixels_from(
+            message, self._settings.bits), self._lenses[camera], pose)
         self._last[camera] = header.stamp_ns
         self._sets.add(camera, frame.stamp_ns, _Waiting(frame, time.monotonic()))
         self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (

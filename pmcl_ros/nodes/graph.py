@@ -104,7 +104,8 @@ TOPICS = (
     TopicEntry('camera_info', _INFO, SMALL, ('a camera',), (_SWEEP,),
                'of an ordinary camera on the arm'),
     TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP,),
-               'its pictures, where `reliable` is false: best effort'),
+               'its pictures; where `compressed` is true, `image/compressed`, CompressedImage; '
+               'where `reliable` is false, best effort'),
     *(TopicEntry(f'{camera}/{name}', kind, SMALL, ('a camera',), (_FIXED,), what)
       for camera in ('left', 'right') for name, kind, what in (
           ('camera_info', _INFO, 'of one of `cameras`'),

@@ -5,13 +5,11 @@ import time
 from collections import deque
 from typing import NamedTuple
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
@@ -20,7 +18,7 @@ from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.image import colours_from
+from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -49,7 +47,7 @@ class _Waiting(NamedTuple):
 
     name: str
     header: Header
-    image: Image
+    image: Picture
     lens: Lens | None
     came: float
 
@@ -111,10 +109,8 @@ class SweepDriver(StageNode):
         self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
         self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
         self._poses.start()
-        self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
-            depth=10, reliability=self._reliability))
-        self.subscribe(Image, 'image', self._on_image, QoSProfile(
-            depth=10, reliability=self._reliability))
+        subscribe_camera(self, self._settings, 'image', 'camera_info', self._on_image,
+                         self._on_info)
         self._look = self.every(_LOOK, self._take_waiting)
         self.serve('~/start', self._start_sweep)
         self.serve('~/finish', self._finish)
@@ -124,11 +120,6 @@ class SweepDriver(StageNode):
         if self._settings.at_once:
             self._start_sweep()
         self._report_progress()
-
-    @property
-    def _reliability(self) -> ReliabilityPolicy:
-        return (ReliabilityPolicy.RELIABLE if self._settings.reliable
-                else ReliabilityPolicy.BEST_EFFORT)
 
     def _new_collection(self) -> Collection | ViewCollection:
         if self._settings.collect == 'grid':
@@ -174,7 +165,7 @@ class SweepDriver(StageNode):
         """Of the camera_info of its stamp, else the last before it, else the first after it."""
         return self._lenses.get(waiting.header.stamp_ns, waiting.lens or self._lens)
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Picture) -> None:
         self.health.frames_in += 1
         if not self._collecting:
             self.health.count('frames outside of sweeps')
@@ -231,7 +222,7 @@ class SweepDriver(StageNode):
             return False
         self._waiting.popleft()
         try:
-            pixels = full_range(colours_from(first.image), self._settings.bits)
+            pixels = pixels_from(first.image, self._settings.bits)
             frame = SweepFrame(first.name, first.header.stamp_ns, pixels, lens, moving.pose,
                                moving.speed, moving.angular_speed)
         except PmclError as error:

@@ -5,6 +5,7 @@ from array import array
 from dataclasses import replace
 from importlib.util import find_spec
 
+import cv2
 import numpy as np
 import pytest
 import rclpy
@@ -19,7 +20,7 @@ from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
 from pmcl_ros.geometry.header import Header
@@ -269,6 +270,35 @@ def test_an_image_that_waits_for_its_pose_keeps_its_own_camera_info(tmp_path, us
         of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
         expected = assemble(frames, of, 'wrist_camera').light_field
         assert infos[0].k[0] == pytest.approx(expected.grid.pinhole.fx)
+
+
+def test_compressed_pictures_are_taken_from_the_topic_beside_a_remapped_one(tmp_path, user,
+                                                                            frames):
+    settings = {'poses': 'topic', 'rows': 3, 'columns': 3, 'baseline': STEP, 'near': NEAR,
+                'far': FAR, 'gap': 2.0, 'movement': 5.0, 'patience': 60.0, 'compressed': True}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', '--ros-args', '-r',
+                 'image:=/wrist/image_raw', params=settings) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        image = user.publisher(CompressedImage, '/wrist/image_raw/compressed', BIG)
+        info, pose = (user.publisher(kind, topic, BIG) for kind, topic in (
+            (CameraInfo, 'camera_info'), (PoseStamped, 'camera_pose')))
+        views = user.listen(Image, 'views', BIG)
+        infos, pupils = (user.listen(kind, topic, SMALL) for kind, topic in (
+            (CameraInfo, 'views/camera_info'), (Image, 'views/pupil')))
+        for each in frames:
+            data = cv2.imencode('.png', each.image[..., ::-1])[1].tobytes()
+            header = header_to_message(Header(each.stamp_ns, 'wrist_camera'))
+            for publisher, message in (
+                    (info, info_of(each)), (pose, pose_of(each.stamp_ns, each.pose)),
+                    (image, CompressedImage(header=header, format='rgb8; png compressed bgr8',
+                                            data=data))):
+                publisher.publish(message)
+                user.delivered(publisher)
+        user.wait(lambda: views and infos and pupils, 'the light field')
+    of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
+    expected = assemble(frames, of, 'wrist_camera').light_field
+    found = light_field_from(infos[0], pupils[0], views[0])
+    np.testing.assert_allclose(found.views, expected.views, atol=1e-4)
 
 
 def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):

@@ -117,6 +117,8 @@ class SweepDriverSettings(ViewSettings):
                        'poses [s]; tf2 interpolates over any')
     patience: float = Field(5.0, gt=0, le=100, description='longest wait of an image for its pose '
                             'and for camera_info [s]; DDS repeats a message that was lost after 3')
+    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
+                             'image/compressed')
     rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
                             'camera_info applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
