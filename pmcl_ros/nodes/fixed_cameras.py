@@ -31,6 +31,7 @@ from pmcl_ros.runtime.resources import resolve
 _GROUP = 'cameras'
 _CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
 _LOOK = 0.2  # s between two looks for pictures that have waited too long
+_SILENCE = 5.0  # s without a picture of any camera: DDS repeats a message that was lost after 3
 _MOST_WAITING, _MOST_BYTES = 100, 1 << 28  # pictures of a camera that wait for others; of all
 
 
@@ -76,10 +77,12 @@ class FixedCameras(StageNode):
         if self._tf is not None:
             self._tf.start()
         image = 'image_rect' if settings.rectified else 'image_raw'
-        for each in settings.cameras:
+        self._pictures = [
             subscribe_camera(self, settings, f'{each}/{image}', f'{each}/camera_info',
                              partial(self._on_image, each), partial(self._on_info, each))
-        self.every(_LOOK, self._join)
+            for each in settings.cameras]
+        self._heard, self._silent, self._told = time.monotonic(), False, False
+        self.every(_LOOK, self._look)
 
     def _on_info(self, camera: str, message: CameraInfo) -> None:
         self._lenses.pop(camera, None)  # where this is refused, the one before it is outdated
@@ -88,6 +91,10 @@ class FixedCameras(StageNode):
             self._add(camera, self._early.pop(camera))
 
     def _on_image(self, camera: str, message: Picture) -> None:
+        self._heard = time.monotonic()
+        if self._silent:
+            self._silent = False
+            self.health.recovered()
         self.health.frames_in += 1
         self.health.count(f'pictures of {camera}')
         if camera in self._lenses:
@@ -110,6 +117,19 @@ class FixedCameras(StageNode):
         self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (
             len(self._settings.cameras) * frame.image.nbytes)))
         self._join()
+
+    def _look(self) -> None:
+        self._join()
+        if self._silent or time.monotonic() - self._heard < _SILENCE:
+            return
+        self._silent = True
+        awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
+                            for each in self._pictures)
+        self.health.warn(f'no picture for {_SILENCE:g} s; awaited on {awaited}')
+        if not self._told:  # once: cameras may be triggered rarely
+            self._told = True
+            self.get_logger().warning(f'{self.health.message}: do the cameras run, are topics to '
+                                      'be remapped, is `reliable` what they offer?')
 
     def _join(self) -> None:
         """Publish the sets that are complete, the oldest first; give up those that will not be."""

@@ -14,7 +14,7 @@ import pytest
 import rclpy
 import trimesh
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseStamped, Transform, TransformStamped, Vector3
 from harness import ACTIVATE, CONFIGURE, DEACTIVATE, ROOT, Process
 from rclpy.context import Context
@@ -288,6 +288,25 @@ def test_compressed_pictures_are_taken_and_damaged_ones_told(tmp_path, user, fra
     shown = frames | {'right': replace(frames['right'], image=cv2.imdecode(
         packed['right'], cv2.IMREAD_COLOR)[..., ::-1])}
     assert equal([each[0] for each in came], sent_by(shown, settings, SECOND))
+
+
+def test_that_all_cameras_are_silent_is_told_once(tmp_path, user, frames, settings):
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        left = Camera(user, frames['left'])
+        left.tell()  # this alone is no picture
+
+        def state():
+            return (states[-1].status[0].level, states[-1].status[0].message) if states else None
+
+        silent = ('no picture for 5 s; awaited on /left/image_raw (publishers: 1), '
+                  '/right/image_raw (publishers: 0)')
+        user.wait(lambda: state() == (DiagnosticStatus.WARN, silent), 'the warning')
+        left.shoot()
+        user.wait(lambda: state() == (DiagnosticStatus.OK, 'active'), 'it to be over')
+        user.wait(lambda: state() == (DiagnosticStatus.WARN, silent), 'the next silence')
+        assert node.log.count(f'{silent}: do the cameras run') == 1
 
 
 def test_by_how_much_a_clock_is_off_is_told(tmp_path, user, frames, settings):
