@@ -6,6 +6,7 @@ Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in m
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +119,9 @@ def bop_scenes(folder: Path) -> list[Path]:
 def bop_captures(scenes: list[Path], choice: BopChoice) -> list[BopCapture]:
     """The objects in pictures of scenes: a capture for each object and each group of pictures.
 
-    Where the cameras have poses, a group is of `choice.views` pictures, spread over the scene;
-    else, and with one view, of one picture, in its camera's frame. Objects of which less than a
+    Where all cameras of a scene have poses, a group is of `choice.views` pictures, spread over it;
+    else, and with one view, of one picture, in its camera's frame; a warning tells of a scene of
+    which only some have poses. Objects of which less than a
     tenth is visible are left out. Of a group the objects of its first picture are looked for: a
     warning tells how many targets of other pictures are not. Raises LightFieldError or
     SettingsError.
@@ -139,8 +141,11 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
     """missed: takes the objects that are targets in the other pictures of a group alone."""
     cameras, truths = bop.camera_poses(scene), _entries(scene / _TRUTH)
     visible = _entries(scene / _VISIBLE) if (scene / _VISIBLE).is_file() else {}
-    posed = choice.views > 1 and len(cameras) > 1 and all(
-        each is not None for each in cameras.values())
+    without = [number for number, each in cameras.items() if each is None]
+    together = choice.views > 1 and len(cameras) > 1
+    posed = together and not without
+    if together and 0 < len(without) < len(cameras):
+        _tell_unposed(scene / bop.NAME, without[0], len(without), len(cameras))
     listed = None if targets is None else {
         picture for of, picture, _ in targets if of == _number(scene)}
     there = frozenset(_object_id(entry, f'{scene / _TRUTH}: picture {number}')
@@ -173,6 +178,13 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
                              Truth(pose, center, size, False, name=name), scene, name,
                              pictures=tuple(bop.picture_of(scene, each) for each in group),
                              object_id=number, there=there)
+
+
+@cache  # wrong objects are found by a second look
+def _tell_unposed(path: Path, first: int, count: int, total: int) -> None:
+    _LOG.warning('%s: %d of %d pictures have no pose of their camera, as %06d: each picture '
+                 'is localised alone; take those out to localise the others together', path,
+                 count, total, first)
 
 
 def _number(scene: Path) -> int:

@@ -116,6 +116,22 @@ def test_a_picture_alone_has_the_truth_of_its_camera(tmp_path, posed, views):
     assert isinstance(found[3].read(None), PosedView)
 
 
+def test_that_pictures_without_a_pose_have_all_localised_alone_is_told_once(scene, caplog):
+    def unpose(cameras):
+        for number in ('2', '5'):
+            del cameras[number]['cam_R_w2c'], cameras[number]['cam_t_w2c']
+
+    change(scene, 'scene_camera.json', unpose)
+    assert len(bop_captures([scene], BopChoice(1, objects=(4,)))) == PICTURES
+    assert caplog.messages == []
+    for _ in range(2):
+        found = bop_captures([scene], BopChoice(objects=(4,)))
+        assert [len(each.pictures) for each in found] == [1] * PICTURES
+    assert caplog.messages == [
+        f'{scene}/scene_camera.json: 2 of 7 pictures have no pose of their camera, as 000002: '
+        'each picture is localised alone; take those out to localise the others together']
+
+
 def test_a_model_is_in_metres_with_its_symmetries(scene):
     captures = bop_captures([scene], BopChoice())
     glass, box = (each.load_model(each.model) for each in captures)
