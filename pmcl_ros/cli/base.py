@@ -51,6 +51,10 @@ WHITE = Needed(OF_CAMERA, folder=True)
 SOURCE = Needed('Pictures of ordinary cameras have a views.yaml beside them: '
                 'docs/howto/one_picture.md; pmcl camera capture takes raw ones', folder=True)
 FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
+MODE = click.option(
+    '--mode', type=click.Choice(['default', 'faithful']), default='default', show_default=True,
+    help="default: search the whole region by the contour. faithful: the paper's particle filter "
+    'in its depth likelihood volume; for raw pictures and light fields.')
 
 _PROCESSES = (
     click.option('--jobs', type=click.IntRange(1), default=1, show_default=True,

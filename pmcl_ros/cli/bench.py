@@ -19,15 +19,20 @@ _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'drive
 @click.option('--back-end', type=click.Choice(['auto', 'numba', 'gl']), default='numba',
               show_default=True, help='For dlv: what computes the volume.')
 def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
-    """Time a stage against its plain form, run beside it.
+    """Time one stage, and beside it a plain form of the same where there is one.
 
-    chain: a raw picture's bytes to views, evidence and pose, of a shipped bag.
-    dlv: from uint8 views to likelihoods, stage by stage; with gl the time on the GPU alone, too.
-    driver: takes and downloads 200 pictures from a simulated camera, over a link that drops.
-    graph: from shutter to pose through the nodes, beside the same without ROS (needs ROS).
-    pmcl: poses drawn and scored, on both back ends, and a whole localisation.
-    transport: sends 200 volumes to another process (needs ROS), beside the copies that this takes.
-    views: the pose in one to nine posed views, searched anew and from the last pose.
+    \b
+    chain      from a raw picture's bytes to the pose, without ROS
+    decode     from a raw picture to views: time and memory
+    dlv        from views to likelihoods, step by step; --back-end gl: on the
+               GPU too
+    driver     200 pictures of a simulated camera, over a link that drops
+    graph      from shutter to pose by the nodes, and without ROS (needs ROS)
+    pmcl       poses drawn and scored by each back end; a whole localisation
+    transport  200 volumes to another process, and copies of their data alone
+               (needs ROS)
+    views      the pose in one to nine posed views: by a search of the region,
+               and from the last pose
     """
     if back_end != 'numba' and name != 'dlv':
         raise click.UsageError(f'--back-end is of dlv alone, not of {name}')

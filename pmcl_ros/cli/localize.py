@@ -10,7 +10,7 @@ import click
 import numpy as np
 from rich.progress import Progress, track
 
-from pmcl_ros.cli.base import FOLDER, FORCE, OBJECT, STDERR, TRUTH, results_in
+from pmcl_ros.cli.base import FOLDER, FORCE, MODE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, Opened, source_options
@@ -37,12 +37,11 @@ from pmcl_ros.runtime.outputs import Results
               help='A mesh, or an object YAML; several are found together.')
 @OBJECT_ID
 @region_options
-@click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
-              show_default=True, help=PmclSettings.model_fields['mode'].description)
+@MODE
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']),
-              help='Of --mode default: edges, or the contour map of the learned network; by '
-              'default the map of pictures of ordinary cameras, and edges of a light field. Where '
-              'these lose its only object, or are unsure of it, the map follows.')
+              help='For --mode default: edges, or the contour map of the learned network. '
+              'Pictures are searched in the map by default. A light field is searched in edges, '
+              'and in the map too where edges lose its only object or are unsure of it.')
 @click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help="Other values of "
               "the search's or the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,

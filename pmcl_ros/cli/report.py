@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.progress import Progress
 
-from pmcl_ros.cli.base import FORCE, OBJECT, STDERR, TRUTH, results_in
+from pmcl_ros.cli.base import FORCE, MODE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
@@ -26,8 +26,7 @@ from pmcl_ros.runtime.resources import resolve
               'default: model.yaml or model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
 @OBJECT_ID
 @region_options
-@click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
-              show_default=True, help=PmclSettings.model_fields['mode'].description)
+@MODE
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
 @click.option('--truth', 'truth_path', type=TRUTH, help='A truth.json to compare with; default: '
