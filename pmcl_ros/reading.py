@@ -1,4 +1,4 @@
-"""How pictures are read, where their files do not tell all: options of commands."""
+"""Path and options of a command -> RawFrame, LightField, PosedView or PosedViews; bags too."""
 
 import logging
 from dataclasses import dataclass

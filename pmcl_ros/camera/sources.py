@@ -1,4 +1,4 @@
-"""The driver's camera: its settings, pictures on disk as a camera, and how to open one."""
+"""CameraSettings -> CameraClient: the camera of `lytro_driver`; pictures on disk as a camera."""
 
 import time
 from collections import deque

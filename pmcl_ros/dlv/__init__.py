@@ -1,1 +1,1 @@
-"""LightField -> DepthLikelihoodVolume: cost volume, likelihood, truncation, edges."""
+"""LightField or PosedViews -> DepthLikelihoodVolume: cost, likelihood, truncation, layers."""

@@ -1,1 +1,1 @@
-"""Errors against the truth, and pictures of results."""
+"""Captures with truth -> trials, errors, tables and pages; benches and studies."""

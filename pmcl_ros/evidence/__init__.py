@@ -1,1 +1,1 @@
-"""LightField -> EdgeVolume: contour evidence from refocused edges."""
+"""LightField, PosedView or PosedViews -> EdgeVolume, ContourMap or ViewsEvidence."""

@@ -1,4 +1,4 @@
-"""Log odds that a surface ends at a point, from the edge energy across its contour there."""
+"""Edge energies or log odds across a contour point -> log odds that a surface ends there."""
 
 from dataclasses import dataclass
 

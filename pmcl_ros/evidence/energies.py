@@ -1,4 +1,4 @@
-"""Edge energy and contour evidence at points and at shifts along their normals."""
+"""EvidenceVolume, contour points -> edge energy or log odds, and evidence, along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Numbers of the evidence that were learned from generated scenes: read once from data files.
+"""config/learned/*.yaml -> the learned numbers of the evidence, checked; each is read once.
 
 `contour.yaml`, `creases.yaml`, `contour_map.yaml` and others lie in `config/learned`, in the
 package's share folder or source tree; or in the folder that the environment variable PMCL_LEARNED

@@ -1,1 +1,1 @@
-"""Learns the numbers of the contour evidence from generated scenes."""
+"""Captures and pictures with truth -> the learned numbers and network of `config/learned`."""

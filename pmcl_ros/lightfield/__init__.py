@@ -1,1 +1,1 @@
-"""RawFrame -> LightField: lattice, calibration, view synthesis, the geometry of views."""
+"""RawFrame, files or frames of a moved camera -> LightField, PosedView or PosedViews."""

@@ -1,4 +1,4 @@
-"""The only place that imports rclpy: thin lifecycle nodes over the core."""
+"""Messages -> values -> messages: thin lifecycle nodes over the core, and what starts them."""
 
 import sys
 from importlib.util import find_spec

@@ -1,4 +1,4 @@
-"""The input of pmcl_node: evidence, from `dlv/contour_map`, `dlv/edges` or `dlv`."""
+"""`dlv/edges`, `dlv/contour_map` or `dlv` -> the evidence of each capture, for pmcl_node."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""The input of posed views: `posed_views` and what belongs to them."""
+"""`posed_views` and what belongs to them -> PosedViews."""
 
 from collections.abc import Callable
 from functools import partial

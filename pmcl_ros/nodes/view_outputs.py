@@ -1,4 +1,4 @@
-"""The topics of a light field, `views` and `center`, and of posed views, `posed_views`."""
+"""LightField -> `views`, `center/...`; PosedViews -> `posed_views`, ...: publishers for nodes."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar

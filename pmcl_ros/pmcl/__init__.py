@@ -1,1 +1,1 @@
-"""DepthLikelihoodVolume -> PoseEstimate: renderer, scores, particles, the search, the estimate."""
+"""Evidence or DepthLikelihoodVolume, object -> PoseEstimate: search, posterior, tracking."""

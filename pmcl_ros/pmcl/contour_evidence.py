@@ -1,4 +1,4 @@
-"""The contour evidence of one capture: scores of poses, their refinement, the posterior."""
+"""EvidenceVolume and poses -> scores, refined poses, posterior: the contour in one picture."""
 
 import logging
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Posterior -> PoseEstimate: the result of a search."""
+"""Posterior -> PoseEstimate: pose, covariance with the model error, and whether it is lost."""
 
 import math
 from collections.abc import Callable, Sequence

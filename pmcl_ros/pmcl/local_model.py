@@ -1,4 +1,4 @@
-"""Second-order model of the evidence about a pose, its covariance, and Gauss-Newton on it.
+"""Contours of a pose -> LocalModel: gradient, curvature and covariance; Gauss-Newton on it.
 
 The evidence is that of one view, or the sum over several.
 

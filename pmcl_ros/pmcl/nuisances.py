@@ -1,4 +1,4 @@
-"""What moves contours in the pictures beside the object's pose, eliminated from a local model."""
+"""Camera errors, displacement of contours -> eliminated from the views' terms of a local model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The posterior about maxima of the evidence, and a sample of it."""
+"""Modes of the evidence -> Posterior, a sample: in one view (of several: `joint_posterior`)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The default mode's search: proposals are refined, by coarse contours, then by fine ones."""
+"""Proposals -> modes -> Posterior: the default mode's search, coarse contours first."""
 
 from dataclasses import dataclass
 from typing import Protocol

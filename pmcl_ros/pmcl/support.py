@@ -1,4 +1,4 @@
-"""Evidence along the weakest part of a contour, and beyond it: it tells the object from others."""
+"""Contour -> support (evidence along its weakest part), evidence beyond it, share in view."""
 
 import numpy as np
 from numpy.typing import NDArray

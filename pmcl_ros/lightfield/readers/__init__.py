@@ -1,1 +1,1 @@
-"""Readers of light fields of known geometry, one file for each format."""
+"""Files -> LightField, PosedView or PosedViews: a file for each format; `read` chooses it."""

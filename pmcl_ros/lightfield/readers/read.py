@@ -1,4 +1,4 @@
-"""Read a light field of any format, or pictures of ordinary cameras."""
+"""Path -> LightField, PosedView or PosedViews: finds the format, and calls its reader."""
 
 import logging
 from pathlib import Path

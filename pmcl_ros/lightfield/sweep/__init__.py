@@ -1,1 +1,1 @@
-"""Light fields from an ordinary camera that an arm moves from view to view."""
+"""Pictures and poses of an ordinary camera on an arm -> LightField (a grid) or PosedViews."""

@@ -1,4 +1,4 @@
-"""Loss accounting: captures and messages that were published and never received."""
+"""Stamps, sequence numbers -> captures and messages that were published and never received."""
 
 from collections import deque
 

@@ -1,4 +1,4 @@
-"""Errors of the cameras' poses as nuisance motions of unit variance."""
+"""Stated errors of the views' camera poses -> nuisance motions of unit variance (`nuisances`)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

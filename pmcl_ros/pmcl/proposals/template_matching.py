@@ -1,4 +1,4 @@
-"""Proposals: an exhaustive search over orientation, depth and place on coarse contours.
+"""EvidenceVolume -> proposals: a search of all orientations, depths and places, coarsely.
 
 Uniform particles rarely fall into the basin of the pose (1e-5 of the region). Relative to its own
 line of sight an object has the same outline anywhere in the image, up to scale. So a template of

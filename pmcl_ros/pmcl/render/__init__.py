@@ -1,1 +1,1 @@
-"""Z-buffers of poses and the scores fused with them, on the processor or a GPU."""
+"""Poses -> z-buffers, contours and the scores fused with them, on the processor or a GPU."""

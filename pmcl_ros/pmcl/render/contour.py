@@ -1,4 +1,4 @@
-"""The occluding contour in a z-buffer, and what edges say along it: the kernels.
+"""z-buffer, edges or contour map -> evidence along the occluding contour: the kernels.
 
 A contour runs between two neighbouring pixels of which one is nearer by the fraction `jump` or
 more, or covered where the other is not. Each such pair is a point of the contour.

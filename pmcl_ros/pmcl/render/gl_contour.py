@@ -1,4 +1,4 @@
-"""The contour's evidence summed on the GPU (`contour` has the same for the processor)."""
+"""z-buffers, edges -> evidence along the contour, on the GPU (`contour`: on the processor)."""
 
 import moderngl
 import numpy as np
