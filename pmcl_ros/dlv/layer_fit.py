@@ -56,12 +56,7 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
         products[:, y] = 0
         down = np.empty((5, width + 2 * REACH), np.float32)
         for channel in range(3):
-            down[:] = 0
-            for order in range(5):
-                for k in range(2 * REACH + 1):
-                    weight, row = derivatives[order, k], constant[channel, y + k]
-                    for x in range(width + 2 * REACH):
-                        down[order, x] += weight * row[x]
+            _vertical(constant[channel], y, derivatives, down)
             for x in range(width):
                 i = x + REACH
                 dx, xx, x4 = np.float32(0), np.float32(0), np.float32(0)
@@ -93,16 +88,7 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
                     er = a * ax + b * (ay + bx) + c * by
                     qr = (fourth[r, 0] * x4 + fourth[r, 1] * xxxy + fourth[r, 2] * xxyy
                           + fourth[r, 3] * xyyy + fourth[r, 4] * y4)
-                    products[LL, y, x] += lr * lr
-                    products[LD, y, x] += lr * dr
-                    products[LE, y, x] += lr * er
-                    products[LQ, y, x] += lr * qr
-                    products[DD, y, x] += dr * dr
-                    products[DE, y, x] += dr * er
-                    products[DQ, y, x] += dr * qr
-                    products[EE, y, x] += er * er
-                    products[EQ, y, x] += er * qr
-                    products[QQ, y, x] += qr * qr
+                    _add_products(products, y, x, lr, dr, er, qr)
                 for r in range(2):
                     a, b = white_first[r, 0], white_first[r, 1]
                     odd = (a * first[0, channel, y + REACH, i]
@@ -113,6 +99,31 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
                     products[GG, y, x] += slope * slope
                     noise = rest[r, channel, y + REACH, i]
                     products[NN, y, x] += noise * noise
+
+
+@compiled(inlined=True, inner=True)
+def _vertical(plane, y, derivatives, down):  # type: ignore[no-untyped-def]
+    """Write into down (5, width) the values of a row and their four derivatives down."""
+    down[:] = 0
+    for order in range(5):
+        for k in range(2 * REACH + 1):
+            weight, row = derivatives[order, k], plane[y + k]
+            for x in range(down.shape[1]):
+                down[order, x] += weight * row[x]
+
+
+@compiled(inlined=True, inner=True)
+def _add_products(products, y, x, lr, dr, er, qr):  # type: ignore[no-untyped-def]
+    products[LL, y, x] += lr * lr
+    products[LD, y, x] += lr * dr
+    products[LE, y, x] += lr * er
+    products[LQ, y, x] += lr * qr
+    products[DD, y, x] += dr * dr
+    products[DE, y, x] += dr * er
+    products[DQ, y, x] += dr * qr
+    products[EE, y, x] += er * er
+    products[EQ, y, x] += er * qr
+    products[QQ, y, x] += qr * qr
 
 
 @compiled(parallel=True)

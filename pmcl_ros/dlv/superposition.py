@@ -87,26 +87,12 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     count = int(np.ceil(scale * (1 / settings.near - 1 / settings.far) * reach / _SPACING)) + 1
     nodes = np.linspace(scale / settings.far, scale / settings.near, max(count, 3))
     shifts = views.shifts(scale / nodes)
-    size = 4 * SUMS * len(nodes) * lattice.height * lattice.width // lattice.stride ** 2
-    if size > _MOST_BYTES:
-        raise VolumeError(f'two layers along {lattice.width}x{lattice.height} px at {len(nodes)} '
-                          f'depths take {size / 2 ** 30:.1f} GiB, more than '
-                          f'{_MOST_BYTES / 2 ** 30:.0f}: choose a larger stride, a smaller crop, '
-                          'or layers volume')
+    _check_memory(lattice, len(nodes))
     half = settings.window // 2
-    margin = half + REACH
-    pad = int(np.ceil(np.abs(shifts).max())) + TAPS + margin
-    planes, brightness = colour_planes(light_field, views.indices, pad)
-    gain = brightness[-1] / np.maximum(brightness, 1e-6)  # of the centre view, the last
-    rows = range(lattice.top - margin, lattice.top + lattice.height + margin)
-    columns = range(lattice.left - margin, lattice.left + lattice.width + margin)
-    sums = np.stack([
-        window_sums(refocused_moments(planes, pad, shifts[:, node], moments.weights * gain, rows,
-                                       columns), moments, half, settings.stride)
-        for node in range(len(nodes))])
+    sums = _sums(light_field, views, moments, shifts, lattice, half)
     best = (sums[:, OO] + sums[:, LL]).argmin(axis=0)
     rest = np.take_along_axis(sums[:, NN], best[None], axis=0)[0]
-    seen = _seen(lattice, shifts, margin + TAPS // 2)
+    seen = _seen(lattice, shifts, half + REACH + TAPS // 2)
     known = rest[seen] if seen.any() else rest
     independent = _independent(known, 3 * settings.window ** 2)
     # Of the frame, or of the ray where that has more: brighter, or not what its views agree on.
@@ -121,6 +107,31 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     near, far = (np.clip(each, 1 / settings.far, 1 / settings.near).astype(np.float32)
                  for each in (middle + apart / 2, middle - apart / 2))
     return Superposition(near, far, found[2], found[3])
+
+
+def _check_memory(lattice: PixelGrid, depths: int) -> None:
+    """Raise VolumeError where the sums at all depths take too much."""
+    size = 4 * SUMS * depths * lattice.height * lattice.width // lattice.stride ** 2
+    if size > _MOST_BYTES:
+        raise VolumeError(f'two layers along {lattice.width}x{lattice.height} px at {depths} '
+                          f'depths take {size / 2 ** 30:.1f} GiB, more than '
+                          f'{_MOST_BYTES / 2 ** 30:.0f}: choose a larger stride, a smaller crop, '
+                          'or layers volume')
+
+
+def _sums(light_field: LightField, views: StereoPairs, moments: ViewMoments,
+          shifts: NDArray[np.float64], lattice: PixelGrid, half: int) -> NDArray[np.float32]:
+    """(nodes, SUMS, height, width) of views that are refocused by shifts (views, nodes, 2)."""
+    margin = half + REACH
+    pad = int(np.ceil(np.abs(shifts).max())) + TAPS + margin
+    planes, brightness = colour_planes(light_field, views.indices, pad)
+    gain = brightness[-1] / np.maximum(brightness, 1e-6)  # of the centre view, the last
+    rows = range(lattice.top - margin, lattice.top + lattice.height + margin)
+    columns = range(lattice.left - margin, lattice.left + lattice.width + margin)
+    return np.stack([
+        window_sums(refocused_moments(planes, pad, each, moments.weights * gain, rows, columns),
+                    moments, half, lattice.stride)
+        for each in np.moveaxis(shifts, 1, 0)])
 
 
 def _independent(rest: NDArray[np.float32], values: int) -> float:

@@ -221,7 +221,6 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
     tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
     knots, widths, slopes = edges.knots, edges.widths, edges.slopes
     window = (edges.left, edges.top, edges.scale)
-    fx, fy, cx, cy = camera
     count = find(box, keep, edges.merged, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
     total, length, shown, bend = region_sum(box, z, edges), 0.0, 0.0, 0.0
@@ -248,15 +247,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
         total += weight * values[1]
         length += weight
         bend += weight * (2 * values[1] - values[0] - values[2])
-        depth = 1.0 / closeness
-        # Motion along the normal [px] per metre of shift and radian of turn about the origin.
-        across[0], across[1] = fx * nx * closeness, fy * ny * closeness
-        px, py = (x - cx) / fx * depth, (y - cy) / fy * depth
-        across[2] = -(across[0] * px + across[1] * py) * closeness
-        px, py, pz = px - origin[0], py - origin[1], depth - origin[2]
-        across[3] = py * across[2] - pz * across[1]
-        across[4] = pz * across[0] - px * across[2]
-        across[5] = px * across[1] - py * across[0]
+        _motion(x, y, closeness, nx, ny, camera, origin, across)
         slope = weight * (values[2] - values[0]) / (2 * step)
         if inside and is_silhouette(found[k], box, z):
             # A silhouette that moves outwards covers more.
@@ -276,3 +267,17 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
             information[a, b] *= curvature * length / max(shown, 1e-9)
             information[b, a], moments[b, a] = information[a, b], moments[a, b]
     return total, length
+
+
+@compiled(inlined=True, inner=True)
+def _motion(x, y, closeness, nx, ny, camera, origin, across):  # type: ignore[no-untyped-def]
+    """Write what `view_terms.normal_motion` gives of one point into across (6,)."""
+    fx, fy, cx, cy = camera
+    depth = 1.0 / closeness
+    across[0], across[1] = fx * nx * closeness, fy * ny * closeness
+    px, py = (x - cx) / fx * depth, (y - cy) / fy * depth
+    across[2] = -(across[0] * px + across[1] * py) * closeness
+    px, py, pz = px - origin[0], py - origin[1], depth - origin[2]
+    across[3] = py * across[2] - pz * across[1]
+    across[4] = pz * across[0] - px * across[2]
+    across[5] = px * across[1] - py * across[0]

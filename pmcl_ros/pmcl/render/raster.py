@@ -109,16 +109,9 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
     width, height, water = drawing.width, drawing.height, drawing.water
     if not np.isfinite(pose).all():
         return 0, 0, 0, 0
-    count = vertices.shape[1]
     _project(vertices, pose, camera, near, water, corners, exact)
     inverse = exact[2]
-    most, least = np.float32(0), np.float32(np.inf)
-    left, top, right, bottom = int64(1 << 40), int64(1 << 40), int64(-1 << 40), int64(-1 << 40)
-    for i in range(count):
-        most = max(most, inverse[i])
-        least = min(least, inverse[i])
-        left, right = min(left, int64(corners[0, i])), max(right, int64(corners[0, i]))
-        top, bottom = min(top, int64(corners[1, i])), max(bottom, int64(corners[1, i]))
+    least, left, top, right, bottom = _extent(corners, inverse)
     # How far outside the window corners may be [1/256 px].
     guard = 128 * (_EXTENT - max(width, height))
     whole = (least > 0 and min(left, top) > -guard and right < 256 * width + guard
@@ -143,11 +136,29 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
             _clipped(vertices, faces[face], pose, camera, width, height, near, water, guard,
                      closed, window, stride, z)
     if not least * far >= 1:
-        for i in range(stride * (bottom - top + 2 * MARGIN)):
-            if z[i] * far < 1:
-                z[i] = 0
+        _remove_beyond(far, z[:stride * (bottom - top + 2 * MARGIN)])
     _frame(window, width, height, stride, z)
     return window
+
+
+@compiled(inner=True)
+def _extent(corners, inverse):  # type: ignore[no-untyped-def]
+    """The least 1/z of the vertices, and left, top, right, bottom of their corners [1/256 px]."""
+    least = np.float32(np.inf)
+    left, top, right, bottom = int64(1 << 40), int64(1 << 40), int64(-1 << 40), int64(-1 << 40)
+    for i in range(len(inverse)):
+        least = min(least, inverse[i])
+        left, right = min(left, int64(corners[0, i])), max(right, int64(corners[0, i]))
+        top, bottom = min(top, int64(corners[1, i])), max(bottom, int64(corners[1, i]))
+    return least, left, top, right, bottom
+
+
+@compiled(inner=True)
+def _remove_beyond(far, z):  # type: ignore[no-untyped-def]
+    """Leave nothing in a z-buffer that is farther than `far`."""
+    for i in range(len(z)):
+        if z[i] * far < 1:
+            z[i] = 0
 
 
 @compiled(inner=True)

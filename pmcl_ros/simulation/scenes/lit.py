@@ -6,7 +6,16 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lamps import irradiated
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, tilted, uniform
-from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, place, put, room, texel
+from pmcl_ros.simulation.scenes.trace import (
+    BRANCHES,
+    absorbed,
+    add,
+    nearest,
+    place,
+    put,
+    room,
+    texel,
+)
 
 _DEPTH = 64  # of a hierarchy of boxes
 _DIRECT, _REFLECTED, _CHOSEN = 0, 1, 2  # how a ray came to wait
@@ -79,9 +88,7 @@ def _follow(  # type: ignore[no-untyped-def]
             if kind == 0:
                 r, g, b = room(world, dx, dy, dz)
                 most = limit if chosen else 1e9
-                light[0] += min(red * r, most)
-                light[1] += min(green * g, most)
-                light[2] += min(blue * b, most)
+                add(light, min(red * r, most), min(green * g, most), min(blue * b, most), 1.0)
                 break
             ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
             nx, ny, nz = hit[0], hit[1], hit[2]
@@ -99,19 +106,13 @@ def _follow(  # type: ignore[no-untyped-def]
                 nx, ny, nz = way * nx, way * ny, way * nz
                 gx, gy, gz = way * hit[3], way * hit[4], way * hit[5]
                 medium, body = world.materials[before], world.materials[behind]
-                red *= np.exp(-medium[2] * t)
-                green *= np.exp(-medium[3] * t)
-                blue *= np.exp(-medium[4] * t)
+                red, green, blue = absorbed(medium, t, red, green, blue)
                 clear, rough = body[0] == 1, max(body[7], medium[7])
                 # what has no coat reflects nothing, under water neither
                 index = body[1] / medium[1] if clear or body[1] > 1 else 1.0
                 if clear and index == 1:
                     continue
-                if clear and outside == 0:
-                    matt, texture, u, v = _decal(world, number, hit)
-                elif not clear:
-                    u, v = place(world, number, hit, nx, ny, nz)
-                    matt, texture, u, v = 1.0, int(body[5]), u * body[6], v * body[6]
+                matt, texture, u, v = _matt_part(world, number, hit, body, outside, nx, ny, nz)
             if -(nx * dx + ny * dy + nz * dz) <= 1e-6:  # the smooth normal looks away
                 nx, ny, nz = gx, gy, gz
             share, within = 0.0, 1.0
@@ -131,9 +132,7 @@ def _follow(  # type: ignore[no-untyped-def]
                                     ox, oy, oz, nx, ny, nz, gx, gy, gz)
                 tr, tg, tb = texel(world.textures[texture], u, v)
                 part = matt if clear else matt * (1 - share)
-                light[0] += red * r * tr * part
-                light[1] += green * g * tg * part
-                light[2] += blue * b * tb * part
+                add(light, red * r * tr, green * g * tg, blue * b * tb, part)
                 if not clear:
                     weight = share * max(red, green, blue)
                     kept = 1.0 if direct else min(1.0, weight / _ALIVE)
@@ -164,6 +163,18 @@ def _follow(  # type: ignore[no-untyped-def]
             red, green, blue = red * (1 - share), green * (1 - share), blue * (1 - share)
             cosine = min(-(mx * dx + my * dy + mz * dz), 1.0)
             dx, dy, dz = refracted(dx, dy, dz, mx, my, mz, 1 / index, cosine, within)
+
+
+@compiled(inner=True, exact=True)
+def _matt_part(world, number, hit, body, outside, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """(share of the light that comes from a texture, texture, u, v) at a point of a solid.
+
+    hit: of `nearest`. body: the medium behind the surface. n: the normal against the ray.
+    """
+    if body[0] == 1:  # clear: it may have a decal outside
+        return _decal(world, number, hit) if outside == 0 else (0.0, -1, 0.0, 0.0)
+    u, v = place(world, number, hit, nx, ny, nz)
+    return 1.0, int(body[5]), u * body[6], v * body[6]
 
 
 @compiled(inner=True, exact=True)

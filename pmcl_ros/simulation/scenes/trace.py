@@ -123,9 +123,7 @@ def trace(  # type: ignore[no-untyped-def]
             kind, t, number, outside, inside = nearest(world, hit, stack, ox, oy, oz, dx, dy, dz)
             if kind == 0:
                 r, g, b = room(world, dx, dy, dz)
-                light[0] += red * r
-                light[1] += green * g
-                light[2] += blue * b
+                add(light, red * r, green * g, blue * b, 1.0)
                 break
             ox, oy, oz = ox + t * dx, oy + t * dy, oz + t * dz
             nx, ny, nz = hit[0], hit[1], hit[2]
@@ -133,9 +131,7 @@ def trace(  # type: ignore[no-untyped-def]
                 s = world.sheets[number]
                 r, g, b = _seen(world, int(s[14]), hit[6] * s[15], hit[7] * s[15], nx, ny, nz)
                 share = s[16]
-                light[0] += red * r * share
-                light[1] += green * g * share
-                light[2] += blue * b * share
+                add(light, red * r, green * g, blue * b, share)
                 if share >= 1:
                     break
                 red, green, blue = red * (1 - share), green * (1 - share), blue * (1 - share)
@@ -151,9 +147,7 @@ def trace(  # type: ignore[no-untyped-def]
                 cosine = -(nx * dx + ny * dy + nz * dz)
             cosine = min(cosine, 1.0)
             medium = world.materials[before]
-            red *= np.exp(-medium[2] * t)
-            green *= np.exp(-medium[3] * t)
-            blue *= np.exp(-medium[4] * t)
+            red, green, blue = absorbed(medium, t, red, green, blue)
             body = world.materials[behind]
             if body[0] == 1 and body[1] == medium[1]:
                 continue
@@ -164,9 +158,7 @@ def trace(  # type: ignore[no-untyped-def]
             if body[0] == 0:  # opaque
                 u, v = place(world, number, hit, nx, ny, nz)
                 r, g, b = _seen(world, int(body[5]), u * body[6], v * body[6], nx, ny, nz)
-                light[0] += red * r * (1 - share)
-                light[1] += green * g * (1 - share)
-                light[2] += blue * b * (1 - share)
+                add(light, red * r, green * g, blue * b, 1 - share)
                 if share <= 0:
                     break
                 red, green, blue = red * share, green * share, blue * share
@@ -183,6 +175,21 @@ def trace(  # type: ignore[no-untyped-def]
                 count += 1
             red, green, blue = red * (1 - share), green * (1 - share), blue * (1 - share)
             dx, dy, dz = refracted(dx, dy, dz, nx, ny, nz, medium[1] / body[1], cosine, within)
+
+
+@compiled(inner=True, exact=True)
+def add(light, red, green, blue, share):  # type: ignore[no-untyped-def]
+    """Add a share of what comes along a path to light (3,)."""
+    light[0] += red * share
+    light[1] += green * share
+    light[2] += blue * share
+
+
+@compiled(inner=True, exact=True)
+def absorbed(medium, length, red, green, blue):  # type: ignore[no-untyped-def]
+    """What is left of weights after a way [m] through a medium (Beer and Lambert)."""
+    return (red * np.exp(-medium[2] * length), green * np.exp(-medium[3] * length),
+            blue * np.exp(-medium[4] * length))
 
 
 @compiled(inner=True, exact=True)
