@@ -186,9 +186,7 @@ def _features(grey: NDArray[np.uint8], pinhole: Pinhole
     points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, None)
     if descriptors is None:
         return np.zeros((0, 3)), np.zeros((0, 128), np.float32)
-    pixels = np.array([each.pt for each in points])
-    rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
-                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=1)
+    rays = pinhole.rays(np.array([each.pt for each in points]))
     return rays, np.asarray(descriptors, np.float32)
 
 

@@ -106,9 +106,8 @@ class TexturedMesh:
         """(height, width, 4) of one view's depths [m], 0 where the solid is not."""
         picture = np.zeros((*depth.shape, 4), np.float32)
         y, x = np.nonzero(depth)
-        z = depth[y, x]
-        place = np.stack([(x - camera.cx) / camera.fx * z, (y - camera.cy) / camera.fy * z, z],
-                         axis=1).astype(np.float32)
+        z = depth[y, x, None]
+        place = (z * camera.rays(np.stack([x, y], axis=1))).astype(np.float32)
         to_object = np.linalg.inv(pose).astype(np.float32)
         own = place @ to_object[:3, :3].T + to_object[:3, 3]
         around = np.arctan2(own[:, 1], own[:, 0]) / np.float32(2 * np.pi) + np.float32(0.5)

@@ -96,12 +96,10 @@ class _Distortion:
 
 def _distorted(camera: OrdinaryCamera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) where the lens shows what the pinhole shows at pixels (n, 2)."""
-    matrix = camera.pinhole.matrix
-    rays = np.stack([(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0],
-                     (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1], np.ones(len(pixels))], axis=-1)
+    rays = camera.pinhole.rays(pixels)
     of, still = np.array(camera.distortion, float), np.zeros(3)
     project = cv2.fisheye.projectPoints if camera.model == 'equidistant' else cv2.projectPoints
-    shown = project(rays[None], still, still, matrix, of)[0]
+    shown = project(rays[None], still, still, camera.pinhole.matrix, of)[0]
     return np.asarray(shown, np.float64).reshape(-1, 2)
 
 
