@@ -15,11 +15,11 @@ class PmclError(Exception):
         return one_line(super().__str__())
 
 
-def one_line(text: str, longest: int = _LONGEST) -> str:
+def one_line(text: str) -> str:
     """A text without line breaks and control characters, shortened in its middle."""
     text = ' '.join(text.split())
-    if len(text) > longest:
-        text = f'{text[:longest // 2]} ... {text[-longest // 2:]}'
+    if len(text) > _LONGEST:
+        text = f'{text[:_LONGEST // 2]} ... {text[-_LONGEST // 2:]}'
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 

@@ -37,19 +37,19 @@ def cameras_folder() -> Path:
     return Path(home).expanduser() / 'pmcl_ros' / 'cameras'
 
 
-def calibration_file(name: str, parameter: str = 'calibration') -> Path:
+def calibration_file(name: str) -> Path:
     """A calibration by its path, as of `resolve`, or by the name of its camera.
 
     The name is that of a file in `cameras_folder`, or of one that the package ships. Raises
     SettingsError.
     """
     if not name or Path(name).name != name or Path(name).suffix or Path(name).is_file():
-        return resolve(name, parameter)
+        return resolve(name, 'calibration')
     folders = [cameras_folder(), *candidates(f'{SCHEME}config/cameras')]
     known = {each.stem: each for folder in reversed(folders) for each in folder.glob('*.yaml')}
     if name not in known:
         raise SettingsError(
-            f'parameter {parameter!r}: there is no file {name}, and no camera of that name; known '
+            f"parameter 'calibration': there is no file {name}, and no camera of that name; known "
             f'are {", ".join(sorted(known)) or "none"}. pmcl calibrate --camera {name} makes one '
             f'in {folders[0]}')
     return known[name]

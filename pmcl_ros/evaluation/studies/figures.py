@@ -71,7 +71,7 @@ def two_layers(separation: float, alpha: float, scale: float, seed: int = 0,
     return LightField(Header(), views, grid)
 
 
-def rates(separation: float, alpha: float, scale: float, seed: int = 0, noise: float = _NOISE,
+def rates(separation: float, alpha: float, scale: float, noise: float = _NOISE,
           layers: LayersFrom = 'volume') -> Rates:
     """How often the volume of `two_layers`, or a joint fit with it, shows both layers.
 
@@ -81,7 +81,7 @@ def rates(separation: float, alpha: float, scale: float, seed: int = 0, noise: f
     depths = depth_labels(_NEAR, _FAR, _LABELS)
     settings = DlvSettings(near=_NEAR, far=_FAR, labels=_LABELS, crop=(
         _BORDER, _BORDER, _WIDTH - 2 * _BORDER, _HEIGHT - 2 * _BORDER))
-    scene = two_layers(separation, alpha, scale, seed, noise)
+    scene = two_layers(separation, alpha, scale, noise=noise)
     found = read_layers(log_likelihood(cost_volume(scene, depths, settings)), depths, 2)
     if layers == 'joint':
         found = fit_superposition(scene, settings).split(found)

@@ -38,10 +38,10 @@ class TransportError(PmclError):
     """The two processes did not find each other, or a message did not come."""
 
 
-def noise(side: int, labels: int, stamp_ns: int = 0) -> DepthLikelihoodVolume:
+def noise(side: int, labels: int) -> DepthLikelihoodVolume:
     """A volume of which no value can be missing or wrong without being seen."""
     likelihood = np.random.default_rng(0).random((side, side, labels), np.float32)
-    return DepthLikelihoodVolume(Header(stamp_ns), likelihood, depth_labels(0.3, 0.9, labels),
+    return DepthLikelihoodVolume(Header(), likelihood, depth_labels(0.3, 0.9, labels),
                                  Pinhole(side, side, side, side, side / 2, side / 2))
 
 

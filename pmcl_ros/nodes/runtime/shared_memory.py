@@ -33,22 +33,22 @@ def problem(profile: str, memory: str = _MEMORY) -> str:
     return ''
 
 
-def no_room(memory: str = _MEMORY) -> str:
+def no_room() -> str:
     """Why shared memory is too small without a profile; '' if there is enough."""
-    free = shutil.disk_usage(memory).free if Path(memory).is_dir() else 0
+    free = shutil.disk_usage(_MEMORY).free if Path(_MEMORY).is_dir() else 0
     if free >= _LEAST:
         return ''
-    return (f'{memory} has {free / 1e6:.2f} MB free and Fast DDS needs {_LEAST / 1e6:.1f} MB for '
+    return (f'{_MEMORY} has {free / 1e6:.2f} MB free and Fast DDS needs {_LEAST / 1e6:.1f} MB for '
             'each process: messages go by UDP, which takes longer. Remove what ended programs '
             'left (fastdds shm clean), or make it larger (docker run --shm-size=1g)')
 
 
-def standstill(memory: str = _MEMORY) -> str:
+def standstill() -> str:
     """Why messages may not arrive: shared memory has become full; '' if it has room."""
-    free = shutil.disk_usage(memory).free if Path(memory).is_dir() else _LEAST
+    free = shutil.disk_usage(_MEMORY).free if Path(_MEMORY).is_dir() else _LEAST
     if free >= _LEAST:
         return ''
-    return (f'{memory} has {free / 1e6:.2f} MB free: messages between processes may stand still '
+    return (f'{_MEMORY} has {free / 1e6:.2f} MB free: messages between processes may stand still '
             f'until there is room; remove what fills it, or set {TRANSPORTS}=UDPv4 for all nodes: '
             'their messages then need no shared memory, and take longer')
 

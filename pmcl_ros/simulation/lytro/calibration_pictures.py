@@ -44,8 +44,7 @@ def white_picture(camera: LytroCamera, rng: np.random.Generator, samples: int = 
 
 
 def board_picture(camera: LytroCamera, board: Checkerboard, pose: NDArray[np.float64],
-                  rng: np.random.Generator, samples: int = _SAMPLES,
-                  progress: Progress = lambda _: None) -> RawFrame:
+                  rng: np.random.Generator, progress: Progress = lambda _: None) -> RawFrame:
     """A raw picture of a board with a light margin, before a wall.
 
     pose: (4, 4) to the camera, of the frame of `Checkerboard.points`, z into the board.
@@ -60,18 +59,18 @@ def board_picture(camera: LytroCamera, board: Checkerboard, pose: NDArray[np.flo
     paper = np.full((SIZE, SIZE, 3), _LIGHT, np.float32)
     sheets = (Sheet(pose @ middle, (width, height), _squares(board), 2 * board.square),
               Sheet(pose @ behind, (wide, high), paper, 1.0))
-    return raw_picture(camera, fast_along(_scene(camera, sheets)), rng, samples,
+    return raw_picture(camera, fast_along(_scene(camera, sheets)), rng, _SAMPLES,
                        progress=progress)
 
 
-def board_poses(camera: LytroCamera, board: Checkerboard = BOARD) -> Iterator[NDArray[np.float64]]:
-    """Eight poses (4, 4) at 0.8 to 1.6 focus distances, tilted to all sides, all in view.
+def board_poses(camera: LytroCamera) -> Iterator[NDArray[np.float64]]:
+    """Eight poses (4, 4) of `BOARD`, at 0.8 to 1.6 focus distances, tilted to all sides, in view.
 
     Boards beyond the focus fill the picture's corners in turn.
     """
     calibration = camera.calibration
-    half = np.array([board.columns - 1, board.rows - 1, 0]) / 2 * board.square
-    reach = float(np.linalg.norm(half)) + board.square
+    half = np.array([BOARD.columns - 1, BOARD.rows - 1, 0]) / 2 * BOARD.square
+    reach = float(np.linalg.norm(half)) + BOARD.square
     field = min(calibration.width, calibration.height) / 2 / calibration.fx
     nearest = reach / field
     for number, (tilt, distance) in enumerate(zip(_TILTS, _DISTANCES, strict=True)):

@@ -53,9 +53,8 @@ class Workcell:
     """
 
     def __init__(self, task: Task, model: ObjectModel, mass: float,
-                 rng: np.random.Generator | None = None,
-                 gripper: GripperSettings | None = None) -> None:
-        self.task, self._gripper = task, gripper or GripperSettings()
+                 rng: np.random.Generator | None = None) -> None:
+        self.task, self._gripper = task, GripperSettings()
         self._vertices, self._symmetry = model.vertices, model.symmetry
         spec = fetch_arm(self._gripper)
         for box in task.place.boxes:
@@ -111,17 +110,12 @@ class Workcell:
         """Where gripper_link would be for angles (7,) [rad]."""
         return self._planner.forward(joints)
 
-    def solve(self, goal: Array, tip: Array | None = None, avoid: Array | None = None,
-              carried: Array | None = None) -> Array | None:
-        """(7,) angles that bring the tip to a goal and touch nothing, or None; as of `move`."""
-        found = self.postures(goal, tip, avoid=avoid, carried=carried)
-        return found[0] if found else None
-
     def postures(self, goal: Array, tip: Array | None = None, straight: bool = False,
                  avoid: Array | None = None, carried: Array | None = None,
                  start: Array | None = None) -> list[Array]:
-        """All that `solve` finds, the nearest to `start` first; [] for none.
+        """Angles (7,) that bring the tip to a goal and touch nothing; [] for none. As of `move`.
 
+        The nearest to `start` come first.
         start: (7,) angles from which the arm would move, None: from here. Of a straight line the
         whole is tried, and its end is the only one; else the goal only.
         """
@@ -135,21 +129,20 @@ class Workcell:
             return []
 
     def move(self, goal: Array, tip: Array | None = None, straight: bool = False,
-             speed: float | None = None, avoid: Array | None = None,
-             carried: Array | None = None, like: Array | None = None) -> None:
+             avoid: Array | None = None, carried: Array | None = None,
+             like: Array | None = None) -> None:
         """Bring a frame on the gripper to a goal, and come to rest.
 
-        tip: the frame in gripper_link, None: gripper_link itself. straight: on a line. speed:
-        share of the joints' velocity limits, 0 to 1; None: 0.5, or 0.08 straight. avoid: where
-        the object is believed to be, which the arm must not touch. carried: the object's pose in
-        gripper_link while it is held, so that it strikes nothing. like: (7,) a posture of `solve`
-        to end in, None: any. Raises MotionError where there is no way.
+        tip: the frame in gripper_link, None: gripper_link itself. straight: on a line, and slowly.
+        avoid: where the object is believed to be, which the arm must not touch. carried: the
+        object's pose in gripper_link while it is held, so that it strikes nothing. like: (7,) one
+        of `postures` to end in, None: any. Raises MotionError where there is no way.
         """
         tool, belief = _tool(goal, tip), _belief(avoid, carried, straight)
         self._planner.gap = self.gap
         path = (self._planner.line(tool, self._command, belief) if straight
                 else self._planner.path(tool, self._command, belief, like))
-        for posture in timed(path, speed or (_SLOW if straight else _SPEED)):
+        for posture in timed(path, _SLOW if straight else _SPEED):
             self._data.ctrl[_ARM] = posture
             self._step()
         self._command = path[-1]

@@ -27,6 +27,7 @@ from pmcl_ros.simulation.scenes.world import World
 
 _DEPTH = 64  # of a hierarchy of boxes
 _APERTURE = 0.0003  # m: a quarter of its width
+_SAMPLES = 2  # rays of a pixel, in a picture of a small aperture
 _PERIOD_NS = 1_000_000_000  # between two pictures
 # (sensor, row, column, margin, samples, seed) to the radiance of a view, as `light_of_view`.
 LightOfView = Callable[[Sensor, int, int, int, int, int], NDArray[np.float32]]
@@ -180,7 +181,7 @@ def seen_from(scene: Scene, pose: NDArray[np.float64]) -> Scene:
 
 
 def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.random.Generator,
-                samples: int = 2, stamp_ns: int = 0) -> list[SweepFrame]:
+                stamp_ns: int = 0) -> list[SweepFrame]:
     """Photographs by an ordinary camera at `poses` (n, 4, 4), in the frame of the scene's camera.
 
     The camera has the pixels, noise and blur of the scene's, a small aperture and no distortion.
@@ -194,7 +195,7 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
     frames, gain = [], 0.0
     for number, pose in enumerate(poses):
         world = World.from_scene(seen_from(scene, pose))
-        light = light_of_view(world, sensor, 0, 0, margin, samples, int(rng.integers(2 ** 62)))
+        light = light_of_view(world, sensor, 0, 0, margin, _SAMPLES, int(rng.integers(2 ** 62)))
         gain = gain or exposure(light, sensor.level)
         linear = noisy(sensed(light, gain, sensor.blur, margin), 1.0, sensor, rng)
         image = np.rint(255 * np.clip(linear, 0, 1) ** (1 / GAMMA)).astype(np.uint8)
