@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.runtime.errors import PoseUnavailableError
 
-_SPEED_INTERVAL = 0.05  # s: the speed is the mean of this time
+SPEED_INTERVAL = 0.05  # s: the speed is the mean of this time before a capture
 
 
 class TransformTree:
@@ -44,14 +44,14 @@ class TransformTree:
         now = self._at(stamp_ns, frame, child, gap)
         if now is None:
             return None
-        interval, other = round(_SPEED_INTERVAL * 1e9), None
+        interval, other = round(SPEED_INTERVAL * 1e9), None
         try:
             other = self._at(stamp_ns - interval, frame, child, gap)
         except PoseUnavailableError:
             with suppress(PoseUnavailableError):
                 other = self._at(stamp_ns + interval, frame, child, gap)
         return (MovingPose(now) if other is None
-                else MovingPose.between(other, now, _SPEED_INTERVAL, 1))
+                else MovingPose.between(other, now, SPEED_INTERVAL, 1))
 
     def _at(self, stamp_ns: int, frame: str, child: str, gap: float
             ) -> NDArray[np.float64] | None:

@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
+from pmcl_ros.geometry.transform_tree import SPEED_INTERVAL
 from pmcl_ros.lightfield.sweep.settings import check_mounted
 from pmcl_ros.messages.pose import pose_from, transform_from
 from pmcl_ros.nodes.runtime.base import StageNode
@@ -19,7 +20,6 @@ from pmcl_ros.runtime.errors import MessageError, PoseUnavailableError, Settings
 Way = Literal['auto', 'fixed', 'topic', 'tf']
 
 _KEPT = 120.0  # s: how long poses are remembered; a search takes seconds
-_SPEED_INTERVAL = 0.05  # s: the speed on /tf is measured over this time before a capture
 
 
 class PoseNames(NamedTuple):
@@ -162,11 +162,11 @@ class TfPoses:
         """The transform at a stamp, with the mean speed just before it."""
         try:
             now = self.nearest(stamp_ns, child_frame, gap)
-            before = self.nearest(stamp_ns - round(_SPEED_INTERVAL * 1e9), child_frame, gap)
+            before = self.nearest(stamp_ns - round(SPEED_INTERVAL * 1e9), child_frame, gap)
         except PoseUnavailableError as error:
             self.missing = str(error)
             return None
-        return MovingPose.between(before, now, _SPEED_INTERVAL, 1)
+        return MovingPose.between(before, now, SPEED_INTERVAL, 1)
 
 
 def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: QoSProfile,

@@ -8,6 +8,8 @@ from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, tilted, uniform
 from pmcl_ros.simulation.scenes.trace import (
     BRANCHES,
+    DEPTH,
+    SURFACES,
     absorbed,
     add,
     nearest,
@@ -17,9 +19,7 @@ from pmcl_ros.simulation.scenes.trace import (
     texel,
 )
 
-_DEPTH = 64  # of a hierarchy of boxes
 _DIRECT, _REFLECTED, _CHOSEN = 0, 1, 2  # how a ray came to wait
-_SURFACES = 24  # on one path at most
 _FAINT = 3e-3  # a path of less weight ends
 _ALIVE = 0.12  # weight from which every reflection is followed; fainter ones at random
 _LIMIT = 1.0  # of what is chosen by chance, in units of a white surface's radiance
@@ -35,7 +35,7 @@ def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore
     for i in rounds(height, portion):
         state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
-        stack, light, seen = np.zeros(_DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
+        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for j in range(width):
             light[:] = 0
             for k in range(samples):
@@ -53,7 +53,7 @@ def follow_lit(world, origins, directions, block, seed, out, portion):  # type: 
     for task in rounds(-(-len(out) // block), portion):
         state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
-        stack, light, seen = np.zeros(_DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
+        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for n in range(task * block, min((task + 1) * block, len(out))):
             o, d = origins[n], directions[n]
             light[:] = 0
@@ -81,7 +81,7 @@ def _follow(  # type: ignore[no-untyped-def]
         ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
         red, green, blue = ray[6], ray[7], ray[8]
         direct, chosen = ray[9] == _DIRECT, ray[9] == _CHOSEN
-        for step in range(_SURFACES):
+        for step in range(SURFACES):
             if max(red, green, blue) < _FAINT:
                 break
             kind, t, number, outside, inside = nearest(world, hit, stack, ox, oy, oz, dx, dy, dz)

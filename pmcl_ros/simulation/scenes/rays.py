@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lit import follow_lit
 from pmcl_ros.simulation.scenes.scene import Scene
-from pmcl_ros.simulation.scenes.trace import BRANCHES, trace
+from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, trace
 from pmcl_ros.simulation.scenes.world import World
 
-_DEPTH = 64  # of a hierarchy of boxes
 _BLOCK = 4096  # rays of one task
 # (origins (n, 3), unit directions (n, 3), seed) to radiances (n, 3) float32; the camera's frame.
 LightAlong = Callable[[NDArray[np.float64], NDArray[np.float64], int], NDArray[np.float32]]
@@ -39,7 +38,7 @@ def _follow(world, origins, directions, block, seed, out, portion):  # type: ign
     for task in rounds(-(-len(out) // block), portion):
         state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
-        stack, light = np.zeros(_DEPTH, np.int64), np.zeros(3)
+        stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
         for n in range(task * block, min((task + 1) * block, len(out))):
             o, d = origins[n], directions[n]
             light[:] = 0

@@ -22,10 +22,9 @@ from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.sampling import eye_ray, uniform
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, trace
+from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, nearest, trace
 from pmcl_ros.simulation.scenes.world import World
 
-_DEPTH = 64  # of a hierarchy of boxes
 _APERTURE = 0.0003  # m: a quarter of its width
 _SAMPLES = 2  # rays of a pixel, in a picture of a small aperture
 _PERIOD_NS = 1_000_000_000  # between two pictures
@@ -87,7 +86,7 @@ def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no
     for i in rounds(height, portion):
         state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
-        stack, light = np.zeros(_DEPTH, np.int64), np.zeros(3)
+        stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
         for j in range(width):
             light[:] = 0
             for k in range(samples):
@@ -103,7 +102,7 @@ def _first(world, numbers, where, label, depth, portion):  # type: ignore[no-unt
     fx, fy, cx, cy = numbers
     height, width = label.shape
     for i in rounds(height, portion):
-        hit, stack = np.zeros(9), np.zeros(_DEPTH, np.int64)
+        hit, stack = np.zeros(9), np.zeros(DEPTH, np.int64)
         for j in range(width):
             if not where[i, j]:
                 continue

@@ -12,8 +12,9 @@ from pmcl_ros.simulation.scenes.shapes.triangles import meet_triangles
 _NEAR = 1e-6  # m: a ray that starts on a surface does not meet it again
 _FAR = 1e3  # m: nothing in a scene is farther
 _SOLID, _SHEET = 1, 2  # kinds of what a ray meets; 0: nothing
+DEPTH = 64  # of a hierarchy of boxes, at most
 BRANCHES = 24  # rays waiting at most: more reflections than that are left out
-_SURFACES = 24  # on one path at most
+SURFACES = 24  # on one path at most
 _FAINT = 1e-3  # a path of less weight ends
 AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorted
 _ALIVE = 0.05  # weight from which every reflection is followed; fainter ones at random
@@ -106,7 +107,7 @@ def trace(  # type: ignore[no-untyped-def]
         world, waiting, hit, stack, state, light, ox, oy, oz, dx, dy, dz):
     """Add to light (3,) the radiance that comes to o from the direction d (camera's frame).
 
-    waiting: (BRANCHES, 10), hit: (9,), stack: (64,): scratch. state: (1,) uint64 of `uniform`.
+    waiting: (BRANCHES, 10), hit: (9,), stack: (DEPTH,): scratch. state: (1,) uint64 of `uniform`.
     At each surface the refracted ray is followed. The reflected one is followed too; a faint one
     only at random (Russian roulette), with a weight that keeps the mean unbiased.
     """
@@ -117,7 +118,7 @@ def trace(  # type: ignore[no-untyped-def]
         ray = waiting[count]
         ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
         red, green, blue = ray[6], ray[7], ray[8]
-        for _ in range(_SURFACES):
+        for _ in range(SURFACES):
             if max(red, green, blue) < _FAINT:
                 break
             kind, t, number, outside, inside = nearest(world, hit, stack, ox, oy, oz, dx, dy, dz)
