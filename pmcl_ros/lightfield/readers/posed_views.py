@@ -34,6 +34,7 @@ _LOG = logging.getLogger(__name__)
 _NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
+_KEPT = 0.75  # of a picture, without its distortion: less than lenses of 60 degrees leave
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
 
 
@@ -167,8 +168,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
     folder: that their files are relative to. name: of the list, for errors. Pictures are PNG,
     JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
-    Warnings tell of a principal point far from the middle, of a distortion that folds the picture,
-    and of one pose of all views. Raises
+    Warnings tell of a principal point far from the middle, of a distortion that folds the picture
+    or leaves little of it, and of one pose of all views. Raises
     SettingsError or LightFieldError saying which file or value is wrong.
     """
     if reduction.every != 1:
@@ -191,7 +192,7 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         camera, pinhole = next(iter(odd.items()))
         _warn_odd(camera, pinhole, len(odd) - 1)
     for camera in dict.fromkeys(each.camera for each in of.views if each.camera):
-        _warn_folded(camera, of.cameras[camera].lens)
+        _warn_distorted(camera, of.cameras[camera].lens)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
@@ -212,11 +213,15 @@ def _warn_odd(camera: str, pinhole: Pinhole, others: int) -> None:
 
 
 @cache
-def _warn_folded(camera: str, lens: Lens) -> None:
+def _warn_distorted(camera: str, lens: Lens) -> None:
     if lens.folds:
         _LOG.warning('camera %r: its distortion, %s %s, shows different directions at one place '
                      'of the picture: are the coefficients of another model, or in another order?',
                      camera, lens.model, list(lens.distortion))
+    elif lens.kept < _KEPT:
+        _LOG.warning('camera %r: without its distortion %.0f %% of each picture are left, and an '
+                     'object near the border may be lost: if it can be there, undistort the '
+                     'pictures with a smaller fx, and state that camera', camera, 100 * lens.kept)
 
 
 def _check_no_copies(of: ViewsFile, views: Sequence[PosedView], name: str) -> None:

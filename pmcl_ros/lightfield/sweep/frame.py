@@ -68,12 +68,25 @@ class Lens:
 
         Of the directions that the pinhole sees.
         """
+        return bool((self._areas < 0).any())
+
+    @property
+    def kept(self) -> float:
+        """Share of the image that the pinhole sees; distortion may bring in more than that."""
+        return float(self._areas.sum() / (_COARSE - 1) ** 2)
+
+    @property
+    def _areas(self) -> NDArray[np.float64]:
+        """(n,) areas [px] in the image of the squares of a coarse pinhole, of those inside it.
+
+        Negative where directions are mirrored.
+        """
         pinhole = self.pinhole.resized(_COARSE, _COARSE)
         x, y = replace(self, pinhole=pinhole).places(np.eye(3), pinhole)
-        turned = np.diff(x, axis=1)[:-1] * np.diff(y, axis=0)[:, :-1] < (
-            np.diff(x, axis=0)[:, :-1] * np.diff(y, axis=1)[:-1])
+        areas = (np.diff(x, axis=1)[:-1] * np.diff(y, axis=0)[:, :-1]
+                 - np.diff(x, axis=0)[:, :-1] * np.diff(y, axis=1)[:-1])
         inside = (x >= 0) & (x <= _COARSE - 1) & (y >= 0) & (y <= _COARSE - 1)
-        return bool((turned & inside[:-1, :-1]).any())
+        return np.asarray(areas[inside[:-1, :-1]], np.float64)
 
     def undistorted(self, picture: NDArray[np.float32], wanted: Pinhole) -> NDArray[np.float32]:
         """The picture (height, width, 3), 0 to 1, that a pinhole at its place sees.

@@ -316,3 +316,12 @@ def test_a_distortion_that_folds_the_picture_is_told(tmp_path, caplog):
     changed(folder, **camera(distortion=[-5.0, 0.02, 0, 0]))
     read_source(folder)
     assert "camera 'wrist': its distortion, plumb_bob [-5.0, 0.02, 0.0, 0.0], shows" in caplog.text
+
+
+@pytest.mark.parametrize(('distortion', 'told'), [((-0.35, 0.12, 0, 0), True), ((), False)])
+def test_a_distortion_that_leaves_little_of_the_picture_is_told(tmp_path, caplog, distortion,
+                                                                told):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8))
+    changed(folder, **camera(distortion=list(distortion), fx=0.6 * VALUES.shape[1]))
+    read_source(folder)
+    assert ("camera 'wrist': without its distortion" in caplog.text) is told

@@ -251,6 +251,19 @@ def test_a_distortion_that_no_lens_has_is_known(distortion, model, folds):
     assert Lens(wide, distortion, model).folds is folds
 
 
+@pytest.mark.parametrize(('distortion', 'model'), [
+    ((), 'plumb_bob'), ((-0.35, 0.12, 1e-3, -1e-3, 0), 'plumb_bob'),
+    ((0.2, 0.1, 0, 0), 'plumb_bob'), ((-0.02, 3e-3, -2e-3, 4e-4), 'equidistant')])
+def test_the_share_of_the_image_that_is_left_without_distortion_is_known(distortion, model):
+    lens = Lens(replace(PINHOLE, fx=0.6 * PINHOLE.width, fy=0.6 * PINHOLE.width), distortion,
+                model)
+    x, y = np.rint(lens.places(np.eye(3), lens.pinhole.resized(1280, 960))).astype(int)
+    seen = np.zeros((PINHOLE.height, PINHOLE.width), bool)
+    inside = (x >= 0) & (x < PINHOLE.width) & (y >= 0) & (y < PINHOLE.height)
+    seen[y[inside], x[inside]] = True
+    assert lens.kept == pytest.approx(seen.mean(), abs=0.04)  # squares at the border count whole
+
+
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'pose': 2 * np.eye(4)}, 'no rigid transform'),
     ({'image': np.zeros((5, 6, 3), np.uint8)}, r'f0 has 6x5 px, its camera \(camera_info\) 160x'),
