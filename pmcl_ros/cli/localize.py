@@ -1,6 +1,7 @@
 """`pmcl localize`: the pose of an object, or of several, from one picture."""
 
 import json
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +25,14 @@ from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source, pictures_alone
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.modes import copy_beside
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.outputs import Results
+
+_LOG = logging.getLogger(__name__)
 
 
 @click.command()
@@ -105,6 +109,11 @@ def _localize_one(opened: Opened, model: ObjectModel, settings: PmclSettings,
     run = _run(pipeline, read, settings.seed, with_volume=results is not None)
     estimate = run.estimate
     _print(estimate, _seconds(run), as_json)
+    other = copy_beside(model, estimate)
+    if other is not None:
+        _LOG.warning('at (%.4f, %.4f, %.4f) m is a pose with %.0f %% of the evidence: is there '
+                     'another such object? To find both, give --object twice',
+                     *other.pose[:3, 3], 100 * other.score / estimate.score)
     if truth is not None:
         known = Truth.load(truth)
         error = pose_error(estimate.pose, known.pose, model.symmetry)

@@ -1,4 +1,4 @@
-"""Modes: limits for the same pose, suppression of duplicates, ambiguous poses."""
+"""Modes: limits for the same pose, suppression of duplicates, ambiguous poses, copies."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import least_turn, pose_of
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 # Limits of translation [m] and rotation [rad] for `Symmetry.same_mode`, the only ones there are.
@@ -17,6 +18,7 @@ MODE_EXTENT = 0.02, 0.25
 SAME_PROPOSAL = 0.012, 0.2
 # Candidates of several objects, which are refined: closer ones differ by noise.
 SAME_CANDIDATE = 0.005, 0.1
+_AS_EVIDENT = 0.8  # of the evidence of the estimate: a copy has it, a chance likeness seldom
 
 
 def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: int,
@@ -72,3 +74,18 @@ def _drop_equivalents(symmetry: Symmetry, pose: NDArray[np.float64], found: NDAr
         if not any(spin.same_mode(images, other, *SAME_MODE).any() for other in kept):
             kept.append(each)
     return np.array(kept[1:]).reshape(-1, 4, 4)
+
+
+def copy_beside(model: ObjectModel, estimate: PoseEstimate) -> PoseMode | None:
+    """The mode that may be another such object: nearly as evident, beside the one that is found.
+
+    The weights of modes do not tell it: the evidence of two equal objects differs by many nats.
+    None where there is none, or nothing is found.
+    """
+    low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
+    middle, size = (low + high) / 2, np.median(high - low)
+    found = estimate.pose[:3, :3] @ middle + estimate.pose[:3, 3]
+    return next((each for each in estimate.modes[1:] if not estimate.lost
+                 and each.score > _AS_EVIDENT * estimate.score
+                 and np.linalg.norm(each.pose[:3, :3] @ middle + each.pose[:3, 3] - found) > size),
+                None)

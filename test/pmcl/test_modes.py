@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from pmcl_scenes import bracket, cup, model_of, random_poses
 
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract, rotation_angle
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import SAME_MODE, ambiguous_poses, suppress_duplicates
+from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
+from pmcl_ros.pmcl.modes import SAME_MODE, ambiguous_poses, copy_beside, suppress_duplicates
 
 NONE = Symmetry()
 ROUND = Symmetry(np.array([0, 0, 1.0]))
@@ -89,3 +91,20 @@ def test_an_axis_is_turned_upside_down_and_away():
         np.testing.assert_allclose(axes[1] @ sight, -axis @ sight, atol=1e-7)
         np.testing.assert_allclose(np.cross(axes[1] + axis @ sight * sight,
                                             axis - axis @ sight * sight), 0, atol=1e-7)
+
+
+@pytest.mark.parametrize(('lost', 'place', 'score', 'told'), [
+    (False, 0.1, 99.0, True), (True, 0.1, 99.0, False),
+    (False, 0.1, 70.0, False),  # a likeness by chance
+    (False, 0.01, 99.0, False)])  # nearer than another one can stand
+def test_a_mode_beside_the_estimate_is_a_copy_where_it_is_as_evident(lost, place, score, told):
+    model, pose = model_of(cup()), np.eye(4)
+    pose[2, 3] = 0.5
+    beside = pose.copy()
+    beside[0, 3] = place
+    upside_down = ambiguous_poses(model, pose)[0]
+    modes = (PoseMode(pose, 1.0, 100.0), PoseMode(upside_down, 0.0, 99.5),
+             PoseMode(beside, 0.0, score))
+    estimate = PoseEstimate(Header(7, 'camera'), pose, np.eye(6), pose[None], np.zeros(1), 100.0,
+                            lost, 'default', modes)
+    assert copy_beside(model, estimate) is (modes[2] if told else None)
