@@ -60,7 +60,8 @@ class TransformTree:
         if shared is None:
             raise PoseUnavailableError(
                 f'no chain of transforms joins {child!r} to {frame!r}: there are '
-                f'{", ".join(sorted({*self._parents, *self._parents.values()})[:20]) or "none"}')
+                f'{", ".join(sorted({*self._parents, *self._parents.values()})[:20]) or "none"}; '
+                'name the frames by fixed_frame, and camera_frame or mount_parent (--collect)')
         poses = []
         for chain in (ours, theirs):
             pose = np.eye(4)

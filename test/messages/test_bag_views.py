@@ -261,7 +261,8 @@ OTHER = Robot(frame='map')
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses(last=0.01)), None,
      'there is no view: frame 1: no pose'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.tf(with_camera=False)), None,
-     "no chain of transforms joins 'eye' to 'base_link': there are base_link, torso, wrist"),
+     "no chain of transforms joins 'eye' to 'base_link': there are base_link, torso, wrist; "
+     'name the frames by fixed_frame, and camera_frame or mount_parent .--collect.'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.tf()), MOUNT,
      'place the camera in mount_parent, which is empty'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses(), Robot('/left').images()), None,
