@@ -46,12 +46,12 @@ test-tensorflow: $(TEST)
 # What needs no ROS graph, no long search and no study: SLOW in test/conftest.py lists the rest.
 test-quick: $(TEST)
 	@$(BIN)/pmcl warm-up
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 3 --dist loadfile -m 'not slow'
 
 # The same with each package as old as requirements.txt allows, in an environment of its own.
 test-oldest: $(OLDEST)
 	@.venv-oldest/bin/pmcl warm-up
-	$(ONE_THREAD) .venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(ONE_THREAD) .venv-oldest/bin/python -m pytest -n 3 --dist loadfile -m 'not slow'
 
 lint: $(TEST)
 	$(BIN)/ruff check .

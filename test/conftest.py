@@ -1,6 +1,7 @@
 """What the tests share: a ROS domain of each worker's own, GL, the JSON of a made-up camera."""
 
 import errno
+import itertools
 import json
 import os
 import signal
@@ -52,14 +53,16 @@ hypothesis.settings.register_profile('pmcl_ros', deadline=None, derandomize=True
 hypothesis.settings.load_profile('pmcl_ros')
 
 
-# Rooms and files whose tests start processes, search for poses, trace rays or wait for a camera.
+# Rooms and files whose tests start processes, search for poses, trace rays, calibrate simulated
+# arms or wait for a camera.
 SLOW = {'nodes', 'launch', 'evaluation', 'simulation', 'learning', 'cli', 'tracking',
         'multi_object', 'multi_view', 'test_contour_map_search.py', 'test_sunken.py',
         'test_contour_net.py', 'test_faults.py', 'test_kernels.py', 'test_kernel_threads.py',
         'test_same_digits.py', 'test_localizer.py', 'test_particle_filter.py',
         'test_level_of_detail.py', 'test_proposals.py', 'test_pipeline.py', 'test_package.py',
         'test_launch.py', 'test_docs.py', 'test_calibrate.py', 'test_boards.py', 'test_bundle.py',
-        'test_back_end.py', 'test_render_back_end.py'}
+        'test_back_end.py', 'test_render_back_end.py', 'test_hand_eye.py', 'test_fixed_board.py',
+        'test_start.py', 'test_second_search.py', 'test_orientation.py', 'test_measure.py'}
 # A file of these rooms that is not: pages that are older than the code are told by a quick run.
 QUICK = {'test_reference.py'}
 
@@ -86,11 +89,17 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """The nodes' tests first: they wait much, and no worker shall be left alone with them.
+    """The nodes' files in turn with others: nodes wait much, and others compute meanwhile.
 
-    The quick ones last: no worker shall be left alone with a long one either.
+    The quick ones last: no worker shall be left alone with a long one.
     """
-    items.sort(key=lambda item: ('nodes' not in item.path.parts, not _is_slow(item.path)))
+    files = list(dict.fromkeys(item.path for item in items))
+    nodes = [each for each in files if 'nodes' in each.parts]
+    others = sorted((each for each in files if each not in nodes),
+                    key=lambda path: not _is_slow(path))
+    pairs = itertools.chain.from_iterable(itertools.zip_longest(nodes, others))
+    rank = {path: number for number, path in enumerate(pairs)}
+    items.sort(key=lambda item: rank[item.path])
     for item in items:
         if _is_slow(item.path):
             item.add_marker(pytest.mark.slow)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
+from pmcl_ros.pmcl.multi_object.penetration import Interior, deepest_penetration
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
@@ -24,7 +24,7 @@ def test_things_overlap_in_view_and_nowhere_else(seed, count):
         assert ((pixels >= 0) & (pixels <= corner)).all()
         assert Region(each.roi_center, each.roi_size).contains(each.pose[None, :3, 3]).all()
     models = [ObjectModel('it', each.vertices, each.faces, each.axis, True) for each in targets]
-    solids = [(Solid.from_model(model), each.pose)
+    solids = [(Interior.from_model(model), each.pose)
               for model, each in zip(models, targets, strict=True)]
     assert deepest_penetration(solids) < 0.0005
     first = {id(each.vertices): k for k, each in reversed([*enumerate(targets)])}
