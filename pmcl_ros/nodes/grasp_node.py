@@ -216,9 +216,10 @@ class GraspNode(StageNode):
     def _some(self, header: Header, ranking: Ranking, latency: float) -> None:
         self._publish(header, ranking)
         best = ranking.candidates[0]
-        self.health.extra = {'object': self._model.name, 'best grasp': best.grasp.name,
-                             'probability': f'{best.probability:.3f}'}
-        self.done(latency, f'{ranking.describe()}, in capture {header.stamp_ns}')
+        with self.health.lock:
+            self.health.extra = {'object': self._model.name, 'best grasp': best.grasp.name,
+                                 'probability': f'{best.probability:.3f}'}
+            self.done(latency, f'{ranking.describe()}, in capture {header.stamp_ns}')
         self.publish_diagnostics()
 
     def _publish_none(self, header: Header) -> None:

@@ -309,8 +309,11 @@ class PmclNode(StageNode):
             x, y, z = estimate.pose[:3, 3]
             predicted = (f'; predicted at ({x:.3f}, {y:.3f}, {z:.3f}) m'
                          if estimate.mode == PREDICTED else '')
-            self.health.warn(f'lost: no {name} in {what}{predicted}')
-            self.get_logger().warning(self.health.message)
+            text = f'lost: no {name} in {what}{predicted}'
+            self.get_logger().warning(text)
+            with self.health.lock:
+                self.health.warn(text)
+                self.health.extra = values
         else:
             messages = estimate_to_messages(estimate)
             for publisher, message in zip(self._poses, messages, strict=True):
@@ -323,8 +326,9 @@ class PmclNode(StageNode):
                     estimate.header, given.pinhole, lambda picture, camera:
                     overlay(picture, camera, as_it_appears(
                         self._model, estimate.pose, self._settings.interface), estimate.pose))
-            self.done(latency, f'found {name} in {what}')
-        self.health.extra = values  # after the message: a report never has these with an older one
+            with self.health.lock:
+                self.done(latency, f'found {name} in {what}')
+                self.health.extra = values
         self._list.publish([name], [estimate])
         if self._markers.get_subscription_count():
             self._marker = self._marker or mesh_to_marker(self._model)

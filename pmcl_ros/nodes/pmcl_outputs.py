@@ -229,8 +229,9 @@ class SeveralObjects:
             placed = [place_markers(mesh, self._box, each) for mesh, each in both]
             self._markers.publish(MarkerArray(markers=[
                 self._box, *(marker for each in placed for marker in each.markers[1:])]))
-        self._report(scene, given.header.stamp_ns, latency)
-        self._node.health.extra = values  # after the message, as those of one object
+        with self._node.health.lock:
+            self._report(scene, given.header.stamp_ns, latency)
+            self._node.health.extra = values
         self._node.publish_diagnostics()
 
     def _report(self, scene: SceneEstimate, stamp: int, latency: float) -> None:

@@ -1,5 +1,6 @@
 """The health of a node, for /diagnostics."""
 
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,7 +19,8 @@ class Health:
     """Counts and the state of the last piece of work of one node, since it was activated.
 
     back_end: what the work runs on, a renderer or a device. hardware_id: the camera's serial
-    number. extra, counts: further values and counters of a node.
+    number. extra, counts: further values and counters of a node. lock: held while what belongs to
+    one result is set, so that no report has a part of it.
     """
 
     frames_in: int = 0
@@ -34,6 +36,7 @@ class Health:
     extra: dict[str, object] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     clock: Callable[[], float] = time.monotonic
+    lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
     _results: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
 
     def __post_init__(self) -> None:
@@ -73,6 +76,10 @@ class Health:
 
     def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
         """All of it as a message for /diagnostics."""
+        with self.lock:
+            return self._written(stamp_ns, name)
+
+    def _written(self, stamp_ns: int, name: str) -> DiagnosticArray:
         values = {
             'frames in': self.frames_in, 'frames out': self.frames_out, 'dropped': self.dropped,
             'errors': self.errors, 'last error': self.last_error,

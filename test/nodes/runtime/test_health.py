@@ -1,5 +1,10 @@
 """What a node tells of itself is what happened."""
 
+import itertools
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -57,3 +62,29 @@ def test_all_is_told(health):
     status, values = told(health)
     assert status.level == DiagnosticStatus.OK
     assert values['last error'] == 'views: dark'
+
+
+def test_no_report_has_a_part_of_a_result(health):
+    """One thread sets results, another tells: as a search and the timer of /diagnostics do."""
+    ended = threading.Event()
+
+    def search():
+        for number in itertools.count():
+            with health.lock:
+                health.done(0.1, str(number))
+                time.sleep(1e-4)  # a switch of threads, where it would do harm
+                health.extra = {'capture': number}
+            time.sleep(1e-4)
+            if ended.is_set():
+                return
+
+    health.message, health.extra = '0', {'capture': 0}
+    with ThreadPoolExecutor(1) as pool:
+        searching, seen = pool.submit(search), {}
+        while len(seen) < 20:
+            status, values = told(health)
+            seen[status.message] = values['capture']
+            time.sleep(1e-4)
+        ended.set()
+        searching.result()
+    assert all(message == capture for message, capture in seen.items())
