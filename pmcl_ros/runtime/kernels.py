@@ -14,8 +14,10 @@ from typing import IO, Any
 
 import numpy as np
 from numba import config, njit
+from numba.core import cgutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
 from numba.core.types import BaseTuple, unliteral
+from numba.extending import intrinsic
 
 from pmcl_ros.runtime.kernel_threads import Threads
 
@@ -266,6 +268,28 @@ def rounds(count, portion):  # type: ignore[no-untyped-def]
     """Those of `count` rounds of a loop that are a portion of the work: (number, of how many)."""
     number, of = portion
     return range(count * number // of, count * (number + 1) // of)
+
+
+def borrowed(array: Any) -> Any:
+    """In a kernel: the array without its owner, whom the kernel's caller keeps alive.
+
+    Each slice of an owned array counts its owner's references up and down: atomically, in memory
+    that all threads share. Slices of rows in an inner loop take as long as the work.
+    """
+    return array
+
+
+def _without_owner(_: Any, array: Any) -> Any:
+    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        made = context.make_array(array)(context, builder, values[0])
+        made.meminfo = cgutils.get_null_value(made.meminfo.type)
+        made.parent = cgutils.get_null_value(made.parent.type)
+        return made._getvalue()
+    return array(array), generate
+
+
+if not config.DISABLE_JIT:  # type: ignore[attr-defined]
+    borrowed = intrinsic(_without_owner)  # type: ignore[assignment]
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

@@ -21,7 +21,7 @@ from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.kernel_threads import LOCK
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 
 
 @dataclass(frozen=True)
@@ -165,13 +165,18 @@ def tiny_scene() -> tuple[Scene, EdgeVolume]:
                              depth_labels(0.5, 2.0, 2), camera)
 
 
+@compiled(inlined=True, inner=True)
+def _own(buffers, thread):  # type: ignore[no-untyped-def]
+    """Corners, exact and z of a thread."""
+    return (borrowed(buffers.corners[thread]), borrowed(buffers.exact[thread]),
+            borrowed(buffers.z[thread]))
+
+
 @compiled(parallel=True)
 def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-untyped-def]
+    corners, exact, z = _own(buffers, portion[0])
     for n in rounds(len(poses), portion):
-        thread = portion[0]
-        z = buffers.z[thread]
-        left, top, right, bottom = draw(drawing, poses[n], buffers.corners[thread],
-                                        buffers.exact[thread], z)
+        left, top, right, bottom = draw(drawing, poses[n], corners, exact, z)
         stride = right - left + 2 * MARGIN
         for row in range(bottom - top):
             first = (row + MARGIN) * stride + MARGIN
@@ -180,31 +185,28 @@ def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-unt
 
 @compiled(parallel=True)
 def _contours(drawing, poses, buffers, edges, found, result, portion):  # type: ignore[no-untyped-def]
+    corners, exact, z = _own(buffers, portion[0])
     for n in rounds(len(poses), portion):
-        thread = portion[0]
-        z = buffers.z[thread]
-        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
-        result[n, 0], result[n, 1] = sums(box, z, edges, found[thread])
+        box = draw(drawing, poses[n], corners, exact, z)
+        result[n, 0], result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
 
 
 @compiled(parallel=True)
 def _contours_and_creases(drawing, poses, buffers, edges, found,  # type: ignore[no-untyped-def]
                           lines, marks, result, portion):
+    corners, exact, z = _own(buffers, portion[0])
     for n in rounds(len(poses), portion):
-        thread = portion[0]
-        z = buffers.z[thread]
-        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
-        total, result[n, 1] = sums(box, z, edges, found[thread])
+        box = draw(drawing, poses[n], corners, exact, z)
+        total, result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
         result[n, 0] = total + max(crease_sum(poses[n], box, z, lines, marks), 0.0)
 
 
 @compiled(parallel=True)
 def _likelihoods(drawing, poses, buffers, volume, left, top, scale,  # type: ignore[no-untyped-def]
                  farthest, per_closeness, result, portion):
+    corners, exact, z = _own(buffers, portion[0])
     for n in rounds(len(poses), portion):
-        thread = portion[0]
-        z = buffers.z[thread]
-        box = draw(drawing, poses[n], buffers.corners[thread], buffers.exact[thread], z)
+        box = draw(drawing, poses[n], corners, exact, z)
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)
 
 
