@@ -18,6 +18,11 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 LP_NUM_THREADS=1
 # Byte code is kept: else every process compiles all sources anew, those of the tests too.
 unexport PYTHONDONTWRITEBYTECODE
 
+# Slow tests that lean on numpy, scipy and OpenCV: run with the oldest of these too.
+OLDEST_TOO := $(addprefix test/, lightfield/calibration/test_hand_eye.py \
+	lightfield/calibration/test_fixed_board.py runtime/test_start.py pmcl/test_second_search.py \
+	pmcl/prior/test_orientation.py profiles/test_measure.py)
+
 .PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz learned clean
 
 # FORCE=--force: overwrite pictures in out/ that an earlier run did not write.
@@ -52,6 +57,7 @@ test-quick: $(TEST)
 test-oldest: $(OLDEST)
 	@.venv-oldest/bin/pmcl warm-up
 	$(ONE_THREAD) .venv-oldest/bin/python -m pytest -n 3 --dist loadfile -m 'not slow'
+	$(ONE_THREAD) .venv-oldest/bin/python -m pytest -n 3 --dist loadfile $(OLDEST_TOO)
 
 lint: $(TEST)
 	$(BIN)/ruff check .

@@ -273,8 +273,8 @@ def rounds(count, portion):  # type: ignore[no-untyped-def]
 def borrowed(array: Any) -> Any:
     """In a kernel: the array without its owner, whom the kernel's caller keeps alive.
 
-    Each slice of an owned array counts its owner's references up and down: atomically, in memory
-    that all threads share. Slices of rows in an inner loop take as long as the work.
+    Where an owned array is sliced or handed on, its owner's references are counted up and down,
+    atomically. In the loops that draw and score a pose this took as long as the drawing.
     """
     return array
 
