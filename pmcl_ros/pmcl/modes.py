@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import least_turn, pose_of
@@ -27,7 +28,7 @@ def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: i
 
     A pose is dropped when it, or an equivalent one, is within `limits` [m, rad] of one kept.
     """
-    places = poses[:, :3, 3]
+    places = KDTree(poses[:, :3, 3])
     # Farther apart than this, a cheap test says that poses differ: equivalents move the origin.
     reach = limits[0] + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
     free = np.ones(len(poses), bool)
@@ -35,7 +36,8 @@ def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: i
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
-        near = np.flatnonzero(free & (np.linalg.norm(places - places[best], axis=1) < reach))
+        near = np.array(places.query_ball_point(poses[best, :3, 3], reach))
+        near = near[free[near]]
         free[near] = ~symmetry.same_mode(poses[near], poses[best], *limits)
         free[best] = False
     return kept

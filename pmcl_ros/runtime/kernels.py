@@ -23,6 +23,8 @@ from pmcl_ros.runtime.kernel_threads import Threads
 
 _LOG = logging.getLogger(__name__)
 
+# Division by zero gives what it gives in numpy: a loop that may raise cannot be vectorised.
+_COMMON: dict[str, Any] = {'nogil': True, 'error_model': 'numpy', 'no_cfunc_wrapper': True}
 # Sums may be reordered and fused; NaN and infinities keep their meaning.
 _FASTMATH = {'nsz', 'arcp', 'contract', 'afn', 'reassoc'}
 _PACKAGE = Path(__file__).parents[1]
@@ -46,9 +48,8 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
     exact: operations are neither reordered nor fused, so that the digits depend on nothing but the
     source, at some cost in speed. All that such a kernel calls must be exact too.
     """
-    options: dict[str, Any] = {'nogil': True, 'fastmath': False if exact else _FASTMATH,
-                               'forceinline': inlined, 'no_cfunc_wrapper': True,
-                               'no_cpython_wrapper': inner}
+    options: dict[str, Any] = _COMMON | {'fastmath': False if exact else _FASTMATH,
+                                         'forceinline': inlined, 'no_cpython_wrapper': inner}
 
     def decorate(function: FunctionType) -> Any:
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
@@ -146,7 +147,7 @@ class Kernel(NullCache):
     @cached_property
     def key(self) -> str:
         """Digest of all that the machine code depends on, but for the types of its arguments."""
-        options = self.name, self._options, sorted(_FASTMATH)
+        options = self.name, self._options, sorted(_FASTMATH), _COMMON
         digest = hashlib.sha1(repr(options).encode(), usedforsecurity=False)
         names: set[str] = set()
         for code in _codes(self._function.__code__):

@@ -16,7 +16,7 @@ from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import borrowed, compiled
 
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
 _LARGEST_JUMP = 0.5  # relative, of 1/z; from 1 on nothing would be an occlusion (`jump_of`)
@@ -176,6 +176,7 @@ def sample(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
 
     It is the edge energy across the normal, or the log odds of a ContourMap.
     """
+    tensor = borrowed(tensor)
     height, width, labels, components = tensor.shape
     x = min(max(x, np.float32(0)), np.float32(width - 1))
     y = min(max(y, np.float32(0)), np.float32(height - 1))

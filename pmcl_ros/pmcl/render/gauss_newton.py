@@ -28,9 +28,9 @@ from pmcl_ros.pmcl.render.contour import (
     sample,
 )
 from pmcl_ros.pmcl.render.numba_renderer import tiny_scene
-from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw
+from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw, own_buffers
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 
 # Of a local model, here and in `LocalModel`:
 LEAST_CURVATURE = 0.02  # nat / px^3: of the evidence, also where the contour shows no peak
@@ -202,13 +202,12 @@ class GaussNewton:
 @compiled(parallel=True)
 def _expand(drawing, buffers, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
             values, lengths, gradient, information, moments, portion):
+    corners, exact, z = own_buffers(buffers, portion[0])
+    pairs = borrowed(found[portion[0]])
     for n in rounds(len(poses), portion):
-        k = portion[0]
-        window = draw(drawing, poses[n].astype(np.float32), buffers.corners[k], buffers.exact[k],
-                      buffers.z[k])
-        values[n], lengths[n] = _slopes(window, buffers.z[k], edges, found[k], camera,
-                                        poses[n, :3, 3], step, gradient[n], information[n],
-                                        moments[n])
+        window = draw(drawing, poses[n].astype(np.float32), corners, exact, z)
+        values[n], lengths[n] = _slopes(window, z, edges, pairs, camera, poses[n, :3, 3], step,
+                                        gradient[n], information[n], moments[n])
 
 
 @compiled(inlined=True, inner=True)

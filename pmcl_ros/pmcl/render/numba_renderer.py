@@ -17,7 +17,7 @@ from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
-from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw
+from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw, own_buffers
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.kernel_threads import LOCK
@@ -165,16 +165,9 @@ def tiny_scene() -> tuple[Scene, EdgeVolume]:
                              depth_labels(0.5, 2.0, 2), camera)
 
 
-@compiled(inlined=True, inner=True)
-def _own(buffers, thread):  # type: ignore[no-untyped-def]
-    """Corners, exact and z of a thread."""
-    return (borrowed(buffers.corners[thread]), borrowed(buffers.exact[thread]),
-            borrowed(buffers.z[thread]))
-
-
 @compiled(parallel=True)
 def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-untyped-def]
-    corners, exact, z = _own(buffers, portion[0])
+    corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         left, top, right, bottom = draw(drawing, poses[n], corners, exact, z)
         stride = right - left + 2 * MARGIN
@@ -185,7 +178,7 @@ def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-unt
 
 @compiled(parallel=True)
 def _contours(drawing, poses, buffers, edges, found, result, portion):  # type: ignore[no-untyped-def]
-    corners, exact, z = _own(buffers, portion[0])
+    corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         box = draw(drawing, poses[n], corners, exact, z)
         result[n, 0], result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
@@ -194,7 +187,7 @@ def _contours(drawing, poses, buffers, edges, found, result, portion):  # type: 
 @compiled(parallel=True)
 def _contours_and_creases(drawing, poses, buffers, edges, found,  # type: ignore[no-untyped-def]
                           lines, marks, result, portion):
-    corners, exact, z = _own(buffers, portion[0])
+    corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         box = draw(drawing, poses[n], corners, exact, z)
         total, result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
@@ -204,7 +197,7 @@ def _contours_and_creases(drawing, poses, buffers, edges, found,  # type: ignore
 @compiled(parallel=True)
 def _likelihoods(drawing, poses, buffers, volume, left, top, scale,  # type: ignore[no-untyped-def]
                  farthest, per_closeness, result, portion):
-    corners, exact, z = _own(buffers, portion[0])
+    corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         box = draw(drawing, poses[n], corners, exact, z)
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)

@@ -19,7 +19,7 @@ from pmcl_ros.pmcl.render.refraction import apparent
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernel_threads import CORES
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import borrowed, compiled
 
 MARGIN = 3  # px around the box: what looks at a pixel's neighbours needs no bounds
 _HALF = 128  # half a pixel, in the units of corners
@@ -94,6 +94,13 @@ class Buffers(NamedTuple):
         return cls(np.zeros((CORES, 2, count), np.int32),
                    np.zeros((CORES, 3, count), np.float32),
                    np.zeros((CORES, length), np.float32))
+
+
+@compiled(inlined=True, inner=True)
+def own_buffers(buffers, thread):  # type: ignore[no-untyped-def]
+    """Corners, exact and z of a thread, borrowed."""
+    return (borrowed(buffers.corners[thread]), borrowed(buffers.exact[thread]),
+            borrowed(buffers.z[thread]))
 
 
 @compiled()

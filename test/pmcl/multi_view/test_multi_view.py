@@ -112,7 +112,8 @@ def test_several_views_find_the_pose_and_are_surer_than_one(context, model):
 def test_the_reference_frame_is_of_no_account(context):
     truth, cameras = truth_of(CUP), around([-20, 15])
     frame = np.eye(4)
-    frame[:3, :3] = Rotation.from_euler('xyz', [70, -30, 200], degrees=True).as_matrix()
+    # By quarter turns: the region, a cube along the frame's axes, stays the same.
+    frame[:3, :3] = [[0, 0, -1], [1, 0, 0], [0, -1, 0]]
     frame[:3, 3] = [1.5, -0.7, 0.4]
     size = (0.1, 0.1, 0.1)
     plain = found(CUP, seen(context, CUP, truth, cameras), settings(size=size))
@@ -120,14 +121,10 @@ def test_the_reference_frame_is_of_no_account(context):
     moved = found(CUP, seen(context, CUP, truth, cameras, frame), settings(middle, size))
     back = np.linalg.inv(frame) @ moved.pose
     millimetres, degrees = error(CUP, back, plain.pose)
-    assert millimetres < 0.3
-    assert degrees < 0.5
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = frame[:3, :3]
-    np.testing.assert_allclose(
-        np.linalg.eigvalsh(moved.covariance[:3, :3]), np.linalg.eigvalsh(plain.covariance[:3, :3]),
-        rtol=0.3)
-    np.testing.assert_allclose(turn @ plain.covariance @ turn.T, moved.covariance, atol=5e-2)
+    assert millimetres < 1e-3
+    assert degrees < 1e-3
+    turn = block_diag(frame[:3, :3], frame[:3, :3])
+    np.testing.assert_allclose(turn @ plain.covariance @ turn.T, moved.covariance, atol=1e-6)
 
 
 def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
@@ -278,7 +275,7 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
 def test_beyond_a_smaller_object_the_larger_one_shows(context):
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
     evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
-    small = model_of(cup().apply_scale(0.8), [0, 0, 1])
+    small = model_of(cup().apply_scale(0.93), [0, 0, 1])
     itself, other = found(CUP, evidence), found(small, evidence)
     assert itself.beyond < 0.02
     assert other.beyond > 0.1
