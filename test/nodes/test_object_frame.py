@@ -97,7 +97,7 @@ def test_listeners_that_come_later_get_the_last_transform(make, user, tf_message
     user.node.create_subscription(tf_message, '/tf', before.append, VOLATILE)
     user.wait(lambda: user.node.count_publishers('/tf') and node.count_subscribers('/tf'), '/tf')
     for each, transform in zip((estimate, last), expected, strict=True):
-        node.object_frame.broadcast(each)
+        node.objects.frames[0].broadcast(each)
         user.wait(lambda transform=transform: transform in before, 'a transform')
     assert _distinct(before) == expected
     for qos in (VOLATILE, LATCHED):
@@ -105,7 +105,7 @@ def test_listeners_that_come_later_get_the_last_transform(make, user, tf_message
         user.node.create_subscription(tf_message, '/tf', after.append, qos)
         user.wait(lambda after=after: expected[1] in after, 'the last transform')
         assert _distinct(after) == expected[1:]
-    node.object_frame.forget()  # as at ~/reset
+    node.objects.frames[0].forget()  # as at ~/reset
     # What is still under way to this participant comes to its new subscriptions too.
     user.wait(lambda: not before[-1].transforms, 'what has no transforms')
     after = []

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.pose import pose_from
-from pmcl_ros.nodes import optional_outputs
 from pmcl_ros.nodes.graph import OPTIONAL
 from pmcl_ros.nodes.pmcl_node import PmclNode
+from pmcl_ros.nodes.pmcl_outputs import optional_outputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.pmcl.estimate import PoseEstimate
 

@@ -8,7 +8,7 @@ import pytest
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.image import picture_from, picture_to_message
-from pmcl_ros.nodes.pmcl_outputs import Overlays
+from pmcl_ros.nodes.pmcl_outputs.overlays import Overlays
 
 SMALL, LARGE = (48, 64, 3), (2000, 3000, 3)
 

@@ -420,7 +420,8 @@ def test_the_object_s_frame_does_not_turn_with_the_cameras(user, frames, truth, 
     user.others.append(executor)
     try:
         assert node.trigger_configure() == Result.SUCCESS
-        node.object_frame = tf = Sent()
+        tf = Sent()
+        node.objects.frames.append(tf)
         assert node.trigger_activate() == Result.SUCCESS
         poses = user.listen(PoseStamped, 'pose', SMALL)
         spreads = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)

@@ -15,8 +15,8 @@ from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.messages.image import picture_from
+from pmcl_ros.nodes.pmcl_outputs.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
-from pmcl_ros.nodes.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.runtime.settings import Settings

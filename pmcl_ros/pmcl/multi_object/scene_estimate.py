@@ -34,6 +34,11 @@ class SceneEstimate:
     alone: tuple[PoseEstimate, ...]
     depth: float
 
+    @classmethod
+    def of_one(cls, name: str, estimate: PoseEstimate) -> 'SceneEstimate':
+        """Of one object, which was looked for alone."""
+        return cls((name,), (estimate,), (estimate,), 0.0)
+
     def least_sure(self, models: Sequence[ObjectModel]) -> tuple[PoseEstimate, ObjectModel]:
         """The estimate whose position is the least certain, and its model.
 

@@ -1,0 +1,1 @@
+"""What pmcl_node publishes, by what it is of."""
