@@ -180,11 +180,11 @@ class GraspNode(StageNode):
         with self.watched('ranking'):
             try:
                 ranking = self._rank(header, pose, covariance)
-            except PmclError:
+            except PmclError as error:
                 self.health.frames_in += 1
                 with self._output:
                     if losses == self._losses and not self._worker.stopping:
-                        self._publish_none(base)
+                        self._publish_none(base, str(error))
                 raise  # logged and counted as an error
             with self._output:
                 if self._worker.stopping:
@@ -222,15 +222,17 @@ class GraspNode(StageNode):
             self.done(latency, f'{ranking.describe()}, in capture {header.stamp_ns}')
         self.publish_diagnostics()
 
-    def _publish_none(self, header: Header) -> None:
-        self.health.extra = {'object': self._model.name}  # no best grasp any more
-        self._publish(header, Ranking((), {}))
-
     def _none(self, header: Header, why: str) -> None:
-        self._publish_none(header)
-        self.health.warn(why if why.startswith('no grasp') else f'no grasp: {why}')
-        self.get_logger().warning(self.health.message)
+        text = why if why.startswith('no grasp') else f'no grasp: {why}'
+        self._publish_none(header, text)
+        self.get_logger().warning(text)
         self.publish_diagnostics()
+
+    def _publish_none(self, header: Header, why: str) -> None:
+        self._publish(header, Ranking((), {}))
+        with self.health.lock:
+            self.health.extra = {'object': self._model.name}  # no best grasp any more
+            self.health.warn(why)
 
     def _publish(self, header: Header, ranking: Ranking) -> None:
         messages = grasps_to_messages(header, ranking.candidates, self._gripper,

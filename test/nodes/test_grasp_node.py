@@ -2,15 +2,21 @@
 
 import subprocess
 import sys
+import threading
 import time
 from functools import cached_property
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, ROOT, UNCONFIGURED, Process
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -21,7 +27,9 @@ from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.pose import pose_from, pose_to_message, poses_from
+from pmcl_ros.nodes.grasp_node import GraspNode
 from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL
+from pmcl_ros.nodes.runtime.health import Health
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
 SETTINGS = GraspSettings(grasps=str(FILE), arm='topic')
@@ -360,6 +368,49 @@ def test_what_cannot_be_placed_is_refused(node, user):
     assert not {'best grasp', 'probability'} & values(states).keys()
     planner.both.publish(with_covariance(seen))
     assert planner.grasps()['grasps'].poses
+
+
+class Asked(Health):
+    """Health of which another thread asks whenever a part of it is set, as a timer may."""
+
+    def __setattr__(self, name, value):
+        super().__setattr__(name, value)
+        if name in ('level', 'message', 'extra') and hasattr(self, 'answers'):
+            asked = threading.Thread(target=lambda: self.answers.append(
+                self.to_message(STAMP, 'grasp_node').status[0]))
+            asked.start()
+            asked.join(0.05)  # it ends later where it has to wait for the rest
+
+
+def test_no_report_has_the_best_grasp_of_one_capture_and_the_words_of_another(user):
+    context = Context()
+    rclpy.init(context=context)
+    node = GraspNode(context=context, parameter_overrides=[
+        Parameter('grasps', value=str(FILE)), Parameter('arm', value='fixed')])
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    user.others.append(executor)
+    try:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        node.health = Asked()
+        node.health.answers = answers = []
+        planner = Planner(user)
+        user.meet('grasp_node')
+        for k, (covariance, frame) in enumerate(
+                [(SPREAD, 'base_link'), (400 * SPREAD, 'base_link'), (SPREAD, 'base_link'),
+                 (SPREAD, 'another_camera'), (SPREAD, 'base_link')]):
+            planner.both.publish(with_covariance(GLASS, covariance, STAMP + k, frame))
+            planner.grasps(STAMP + k)
+    finally:
+        user.others.clear()
+        executor.shutdown()
+        node.close()
+        rclpy.shutdown(context=context)
+    assert {each.level for each in answers} == {
+        DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR}
+    for each in answers:
+        assert ('best grasp' in {value.key for value in each.values}) == (
+            each.level == DiagnosticStatus.OK), each
 
 
 def test_a_consumer_gets_what_moveit_wants(tmp_path, node, user):
