@@ -151,6 +151,9 @@ def _add(l2, q, times, limits, label, end, margin, stop, sums):  # type: ignore[
         label += 1
 
 
+# A form for each distance: a branch in these loops keeps them from being vectorised, and takes 13
+# times as long; machine code of kernels that are passed to kernels cannot be kept on disk.
+
 @compiled(inner=True)
 def _add_three_l2(q, times, limits, first, second, third):  # type: ignore[no-untyped-def]
     colour, across, along = limits[0], limits[1], limits[2]

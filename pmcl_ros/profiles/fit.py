@@ -12,7 +12,7 @@ from pmcl_ros.evidence.model_error import FACING
 from pmcl_ros.profiles.revolution import AXIS, ENDS, Revolution, RevolutionContour
 from pmcl_ros.profiles.search import PosedMap
 
-_STRETCH = 3.0  # px of contour that is judged as one
+_WINDOW = 3.0  # px of contour that is judged as one
 _INWARDS = 0.35  # px: by so much glass shows its outline inside of it
 _APART = 7.0  # px along a contour, beyond which its errors are independent
 _STEP = 0.5  # px between shifts across the contour
@@ -39,7 +39,7 @@ class Normal:
     @property
     def scaled(self) -> float:
         """The evidence as a log likelihood: neighbouring points are not independent."""
-        return _STRETCH / _APART * self.evidence
+        return _WINDOW / _APART * self.evidence
 
 
 def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: int,
@@ -107,7 +107,7 @@ def _offsets(contour: RevolutionContour, view: PosedMap, reach: float
     inwards = _INWARDS + float(profile.offsets[0])  # by its own offset the profile reads aside
     table = evidence_across(view.evidence, contour.pixels - inwards * contour.normals,
                             contour.normals, contour.depths, profile, shifts)
-    logs = _STRETCH * table - shifts ** 2 / (2 * reach ** 2)
+    logs = _WINDOW * table - shifts ** 2 / (2 * reach ** 2)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
     mean = weights @ shifts

@@ -45,7 +45,7 @@ NAME = 'feasibility.html'
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')
 def feasibility(count: int, millimetres: float, degrees: float, share: float, jobs: int,
                 backend: str, scheduler: str | None, out: Path, seed: int, plan: str | None,
-                camera: str, thing: Path, force: bool, **options: Any) -> None:
+                camera: str, object_file: Path, force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT, localise it in each, and write one page.
 
     The page says how often and how exactly it is found, by number of views and how far they are
@@ -58,10 +58,11 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
     if camera == 'f01' and plan is not None:
         raise click.UsageError(f'--cameras {plan}: several poses are of an ordinary camera')
     wanted = None if camera == 'f01' else plan or _PLAN
-    simulated = Simulated.from_options(wanted, thing=thing, camera=camera, seed=seed, **options)
+    simulated = Simulated.from_options(wanted, object_file=object_file, camera=camera, seed=seed,
+                                       **options)
     of = simulated.simulation
     written = results_in(out, force).path(NAME)
-    model, sets = ObjectModel.load(thing), view_sets(of.plan)
+    model, sets = ObjectModel.load(object_file), view_sets(of.plan)
     scenes = out / 'scenes'
     simulated.claim(scenes, seed)
     seeds = range(seed, seed + count)

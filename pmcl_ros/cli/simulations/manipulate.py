@@ -63,8 +63,8 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     load_camera(camera)  # said at once where it is none
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # its programs end with it
     samples = samples or _SAMPLES.get(camera, 4)
-    thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
-    series = Series(place, thing, mass, camera, renderer, samples, out.resolve(),
+    object_file = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
+    series = Series(place, object_file, mass, camera, renderer, samples, out.resolve(),
                     not undeclared, force)
     series.claim()
     written = results_in(out, force).path(NAME)

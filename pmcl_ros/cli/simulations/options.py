@@ -51,7 +51,7 @@ _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _CLEARANCE = 0.02  # m: between an object and the camera, at least
 
 _OPTIONS = (
-    click.argument('thing', metavar='OBJECT', type=OBJECT),
+    click.argument('object_file', metavar='OBJECT', type=OBJECT),
     click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as '
                  f'for `pmcl scenes render`; or {F01}: light fields of a camera like it; or '
                  f'{F01_RAW}: its raw pictures.'),
@@ -99,13 +99,13 @@ def aim_options(command: Callable[..., Any]) -> Callable[..., Any]:
 class Draw:
     """Draws the scene of a seed (`Simulation.draw`)."""
 
-    thing: SceneObject
+    item: SceneObject
     surroundings: tuple[Surroundings, ...]
     settings: DescribedSettings
 
     def __call__(self, seed: int, rng: np.random.Generator, sensor: Sensor | None) -> Scene:
         """As `Simulation.draw`."""
-        return described_scene(rng, self.thing, self.surroundings[seed % len(self.surroundings)],
+        return described_scene(rng, self.item, self.surroundings[seed % len(self.surroundings)],
                                sensor or random_sensor(rng, self.settings), self.settings)
 
 
@@ -123,14 +123,14 @@ class Simulated:
         assert isinstance(of.draw, Draw)
         # As text: a pickle of settings differs from process to process.
         settings = [each.model_dump_json()
-                    for each in (of.draw.settings, of.camera, of.plan, of.draw.thing.appearance)
+                    for each in (of.draw.settings, of.camera, of.plan, of.draw.item.appearance)
                     if each is not None]
-        thing = replace(of.draw.thing, appearance=None)
-        values = thing, of.draw.surroundings, settings, of.samples, __version__
+        item = replace(of.draw.item, appearance=None)
+        values = item, of.draw.surroundings, settings, of.samples, __version__
         return hashlib.sha256(pickle.dumps(values)).hexdigest()[:16]
 
     @classmethod
-    def from_options(cls, plan: str | None, thing: Path, camera: str, region: str,
+    def from_options(cls, plan: str | None, object_file: Path, camera: str, region: str,
                      surroundings: tuple[Surroundings, ...], attitude: str, renderer: str,
                      samples: int | None, seed: int) -> 'Simulated':
         """Raises SettingsError, ObjectModelError and SimulationError for what is impossible."""
@@ -163,12 +163,12 @@ class Simulated:
             values |= {'field': min(seen_by.field, 1.5)}
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
-        draw = Draw(load_object(thing), surroundings, settings)
+        draw = Draw(load_object(object_file), surroundings, settings)
         _check_size(draw, region)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
                                 draws, samples or usual, along)
         return cls(simulation, {
-            'object': thing.name, 'camera': f'{Path(camera).name}: {pictures}',
+            'object': object_file.name, 'camera': f'{Path(camera).name}: {pictures}',
             'distance': f'{float(near):g} to {float(far):g} m',
             'surroundings': ', '.join(surroundings),
             'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
@@ -206,7 +206,7 @@ class Simulated:
 
 def _check_size(draw: Draw, region: str) -> None:
     """Raise SettingsError where the camera could be in the object, or in its tank."""
-    size = float(np.linalg.norm(np.ptp(draw.thing.vertices, axis=0)))
+    size = float(np.linalg.norm(np.ptp(draw.item.vertices, axis=0)))
     least = size / 2 + _CLEARANCE
     if 'tank' in draw.surroundings:
         least = max(least, tank_distance(size / 2))

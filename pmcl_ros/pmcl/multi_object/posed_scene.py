@@ -53,8 +53,8 @@ class PosedSceneLocalizer(Closing):
         lost.
         Raises as `MultiViewLocalizer.localize`.
         """
-        search = _Pursuit(self._localizers, self._objects.interiors, evidence, rng,
-                          progress or (lambda _: True))
+        search = _MatchingPursuit(self._localizers, self._objects.interiors, evidence,
+                                  rng, progress or (lambda _: True))
         found = search.run(self._objects.numbers)
         # Copies are named along the x axis of the reference frame.
         return self._objects.estimate(self._apart(found), search.alone, lambda pose: pose[0, 3])
@@ -78,7 +78,7 @@ class PosedSceneLocalizer(Closing):
                                           objects.models[place].symmetry)
 
 
-class _Pursuit:
+class _MatchingPursuit:
     """The joint search in one capture.
 
     localizers, interiors: of the distinct objects. alone: the estimates of the separate searches.

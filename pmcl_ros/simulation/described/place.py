@@ -23,12 +23,12 @@ _WALL = Rotation.from_euler('x', np.pi / 2)  # a sheet that stands across y
 class Place:
     """An object at rest above the origin of a world (z up, its support z = 0), and a camera.
 
-    thing: the object. world: (4, 4), object to world. top: its height there [m]. camera: (4, 4),
+    item: the object. world: (4, 4), object to world. top: its height there [m]. camera: (4, 4),
     world to camera. circles: footprints (`broad_scene.Circle`), the object's first. near: least
     distance of the camera [m]. empty: the object is not there.
     """
 
-    thing: SceneObject
+    item: SceneObject
     world: Pose
     top: float
     camera: Pose
@@ -45,12 +45,12 @@ class Place:
     @property
     def stands(self) -> bool:
         """Whether the object is upright."""
-        return bool(self.world[2, :3] @ self.thing.up > 1 - 1e-9)
+        return bool(self.world[2, :3] @ self.item.up > 1 - 1e-9)
 
     @property
     def target(self) -> tuple[Solid, ...]:
         """The object in the camera's frame."""
-        return () if self.empty else self.thing.placed(self.camera @ self.world)
+        return () if self.empty else self.item.placed(self.camera @ self.world)
 
     def facing(self, rng: np.random.Generator, spread: float) -> 'Frame':
         """Axes whose y leads away from the camera, within an angle [rad]; the world's z is up."""

@@ -50,7 +50,7 @@ class DescribedSettings(SceneSettings):
                                'way, held up too')
 
 
-def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: Surroundings,
+def described_scene(rng: np.random.Generator, item: SceneObject, surroundings: Surroundings,
                     sensor: Sensor, settings: DescribedSettings | None = None) -> Scene:
     """Draw a scene of an object, its one target, as a camera sees it, with lamps and shadows.
 
@@ -62,42 +62,42 @@ def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: 
     """
     of = settings or DescribedSettings()
     if of.attitude != 'any':
-        if thing.way not in ('', of.attitude):
-            raise SimulationError(f'{thing.name} holds a liquid: it stands upright, and cannot '
+        if item.way not in ('', of.attitude):
+            raise SimulationError(f'{item.name} holds a liquid: it stands upright, and cannot '
                                   f'rest {of.attitude}; set attitude: upright')
-        thing = replace(thing, way=of.attitude)
+        item = replace(item, way=of.attitude)
     if surroundings == 'random':
-        scene = broad_scene(rng, of, sensor, (thing,))
-        return replace(scene, name=f'random: {thing.name}')
+        scene = broad_scene(rng, of, sensor, (item,))
+        return replace(scene, name=f'random: {item.name}')
     for _ in range(_TRIES):
-        scene = _drawn(rng, thing, surroundings, sensor, of)
+        scene = _drawn(rng, item, surroundings, sensor, of)
         if not any(hiding_sheets(scene, np.zeros((1, 3)))):
             return scene
-    raise SimulationError(f'{surroundings}: {thing.name} was hidden in {_TRIES} scenes in a row; '
+    raise SimulationError(f'{surroundings}: {item.name} was hidden in {_TRIES} scenes in a row; '
                           'choose other surroundings')
 
 
-def _drawn(rng: np.random.Generator, thing: SceneObject, surroundings: Surroundings,
+def _drawn(rng: np.random.Generator, item: SceneObject, surroundings: Surroundings,
            sensor: Sensor, of: DescribedSettings) -> Scene:
     empty = bool(rng.random() < of.empty)
-    worlds, circles = beside_each_other(rng, (thing,))
-    low, high = _bounds(thing, worlds[0])
+    worlds, circles = beside_each_other(rng, (item,))
+    low, high = _bounds(item, worlds[0])
     camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0,
                          centred=True)
     pose = camera @ worlds[0]
-    place = Place(thing, worlds[0], float(high[2]), camera, circles, Palette(rng), of.near, empty)
+    place = Place(item, worlds[0], float(high[2]), camera, circles, Palette(rng), of.near, empty)
     around = _MAKERS[surroundings](rng, place, of)
-    target = random_target(rng, thing, pose, of.roi, empty)
+    target = random_target(rng, item, pose, of.roi, empty)
     owners = (0,) * len(around.target) + (1,) * len(around.solids)
-    return Scene(f'{surroundings}: {thing.name}' + (', empty' if empty else ''),
+    return Scene(f'{surroundings}: {item.name}' + (', empty' if empty else ''),
                  around.target + around.solids, around.sheets, random_lit_environment(rng),
                  camera[:3, :3].T, sensor, (target,), owners)
 
 
-def _bounds(thing: SceneObject, world: Pose
+def _bounds(item: SceneObject, world: Pose
             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Corners (3,) of the box around an object in the world [m]."""
-    vertices = thing.vertices @ world[:3, :3].T + world[:3, 3]
+    vertices = item.vertices @ world[:3, :3].T + world[:3, 3]
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
@@ -108,9 +108,9 @@ def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furn
 
 def _clutter(rng: np.random.Generator, place: Place, of: DescribedSettings) -> Furnished:
     count = int(rng.integers(2, max(of.clutter, 2) + 1))
-    things, poses = random_clutter(rng, count, place.palette, place.circles, place.camera)
+    clutter, poses = random_clutter(rng, count, place.palette, place.circles, place.camera)
     sheets = broad_room(rng, place.camera, place.palette, place.circles)
-    return Furnished(place.target, tuple(placed(things, poses)[0]), tuple(sheets))
+    return Furnished(place.target, tuple(placed(clutter, poses)[0]), tuple(sheets))
 
 
 def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furnished:

@@ -30,9 +30,9 @@ def submerged(solid: Solid) -> Solid:
     return replace(solid, surface=surface, media=(*solid.media, WATER))
 
 
-def can_stand_in_water(thing: SceneObject) -> bool:
+def can_stand_in_water(item: SceneObject) -> bool:
     """Whether water may reach up to any part of it while it stands: a body of revolution."""
-    return len(thing.solids) == 1 and isinstance(thing.solids[0].surface, Frusta)
+    return len(item.solids) == 1 and isinstance(item.solids[0].surface, Frusta)
 
 
 def standing_in_water(solid: Solid, level: float) -> tuple[Solid, float]:

@@ -27,9 +27,9 @@ from pmcl_ros.simulation.scenes.textures import SIZE
 _RUNNING = 0.5  # share of sinks with running water
 _STEEL = 0.5  # share of sinks; others are ceramic
 _SHALLOW = 0.012  # m: least depth of the water, so that no wave reaches the floor
-_LEDGE = 0.006  # m: by which a ledge is higher than the water, so that no wave washes over it
-_GAP = 1e-4  # m: between an object and what it lies on
-_BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
+LEDGE = 0.006  # m: by which a ledge is higher than the water, so that no wave washes over it
+GAP = 1e-4  # m: between an object and what it lies on
+BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
 _COUNTER = 1.0  # m
 _TANK = 0.8  # of the camera's distance: a tank's front may come so near to it
 
@@ -49,20 +49,20 @@ def sink(rng: np.random.Generator, place: Place) -> Furnished:
     metal = random_finish(rng)
     water = max(_SHALLOW, rng.uniform(0.15, 0.75) * min(place.top, 0.75 * depth))
     stands = not place.empty and place.stands and place.top > 2 * _SHALLOW and can_stand_in_water(
-        place.thing)
-    level = water if stands else -_LEDGE  # of the water, where the object's support is 0
+        place.item)
+    level = water if stands else -LEDGE  # of the water, where the object's support is 0
     target, hole, solids = place.target, 0.0, []
     if stands:
-        wet, hole = standing_in_water(place.thing.solids[0], level - place.world[2, 3])
-        target = replace(place.thing, solids=(wet,)).placed(place.camera @ place.world)
+        wet, hole = standing_in_water(place.item.solids[0], level - place.world[2, 3])
+        target = replace(place.item, solids=(wet,)).placed(place.camera @ place.world)
     elif not place.empty:
         side = place.reach + 0.01
         solids.append(frame.box(np.array([-side, -side, level - water]),
-                                np.array([side, side, -_GAP]), metal))
+                                np.array([side, side, -GAP]), metal))
     is_running = rng.random() < _RUNNING
     jet = _free_spot(rng, low, high, place.reach) if is_running else None
     slope = float(rng.uniform(0.04, 0.15) if is_running else rng.uniform(0.003, 0.03))
-    solids.append(frame.solid(water_surface(rng, low - _BEYOND, high + _BEYOND, level, slope, hole,
+    solids.append(frame.solid(water_surface(rng, low - BEYOND, high + BEYOND, level, slope, hole,
                                             jet)))
     floor, rim = level - water, level - water + depth
     if jet is not None:
@@ -124,7 +124,7 @@ def tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
 
 def tank_distance(reach: float) -> float:
     """Least distance of a camera [m] from an object with a footprint of a radius [m] in a tank."""
-    return (reach + _BEYOND) / _TANK
+    return (reach + BEYOND) / _TANK
 
 
 def tank(rng: np.random.Generator, place: Place) -> Furnished:
@@ -133,18 +133,18 @@ def tank(rng: np.random.Generator, place: Place) -> Furnished:
     Its panes are left out: they would shift what is behind them by a third of their thickness.
     """
     if tank_distance(place.reach) > place.near:
-        raise SimulationError(f'{place.thing.name} is too large for a tank {place.near:g} m from '
+        raise SimulationError(f'{place.item.name} is too large for a tank {place.near:g} m from '
                               f'the camera: {tank_distance(place.reach):.2f} m are needed')
     frame = place.facing(rng, 0.3)
     front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near),
-                 place.reach + _BEYOND)
+                 place.reach + BEYOND)
     back = place.reach + rng.uniform(0.03, 0.25)
     half = place.reach + rng.uniform(0.06, 0.25)
     height = place.top + rng.uniform(0.02, 0.12)
     aside = rng.uniform(-0.5, 0.5) * (half - place.reach)
     left, right = aside - half, aside + half
     target = tuple(submerged(each) for each in place.target)
-    water = frame.box(np.array([left, front, -_BEYOND]), np.array([right, back, height]), WATER)
+    water = frame.box(np.array([left, front, -BEYOND]), np.array([right, back, height]), WATER)
     ground, behind = place.palette.texture(), place.palette.texture()
     sheets = [frame.level((-2, -2), (2, 2), 0.0, ground, float(rng.uniform(0.1, 0.6)))]
     if rng.random() < 0.6:

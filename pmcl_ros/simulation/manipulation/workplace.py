@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.simulation.described.wet_places import GAP, LEDGE
 from pmcl_ros.simulation.scenes.poses import Pose
 
 WorkplaceKind = Literal['sink', 'tank']
@@ -23,8 +24,6 @@ _COUNTER = 0.75  # height of a counter, and of the table below a tank
 # Of the basin (x, y). A tank is so far away that the camera can look through its front.
 MIDDLE: dict[WorkplaceKind, Corner2] = {'sink': (0.65, 0.0), 'tank': (0.8, 0.0)}
 _SIDE = 0.2  # of the square in which the object is
-_GAP = 1e-4  # between an object and what it stands on
-_LEDGE = 0.006  # by which a ledge is higher than the water
 
 
 @dataclass(frozen=True)
@@ -116,10 +115,10 @@ def draw_task(rng: np.random.Generator, kind: WorkplaceKind, model: ObjectModel)
     stands = bool(rng.random() < 0.5)
     place = _sink(rng, spot, stands)
     if stands:
-        return Task(place, _at(model, heading, spot, place.floor + _GAP, 0.0), True)
+        return Task(place, _at(model, heading, spot, place.floor + GAP, 0.0), True)
     assert place.ledge is not None
     lying = heading * Rotation.from_euler('y', np.pi / 2)
-    return Task(place, _at(model, lying, spot, place.ledge.high[2] + _GAP, 0.0), False)
+    return Task(place, _at(model, lying, spot, place.ledge.high[2] + GAP, 0.0), False)
 
 
 def _at(model: ObjectModel, turn: Rotation, spot: NDArray[np.float64], height: float,
@@ -142,7 +141,7 @@ def _sink(rng: np.random.Generator, spot: NDArray[np.float64], stands: bool) -> 
         jet = float(corner[0]), float(corner[1])
     ledge = None
     if not stands:
-        top = floor + water + _LEDGE
+        top = floor + water + LEDGE
         (x, y), half = spot.tolist(), 0.075
         ledge = Box('ledge', (x - half, y - half, floor), (x + half, y + half, top))
     return Workplace('sink', low, high, floor, _COUNTER, floor + water,

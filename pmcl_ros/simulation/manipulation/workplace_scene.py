@@ -15,7 +15,7 @@ from pmcl_ros.simulation.described.water import (
     water_jet,
     water_surface,
 )
-from pmcl_ros.simulation.described.wet_places import basin, random_finish, tap
+from pmcl_ros.simulation.described.wet_places import BEYOND, GAP, basin, random_finish, tap
 from pmcl_ros.simulation.manipulation.workplace import Box, Workplace
 from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
@@ -27,8 +27,6 @@ from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
 _AHEAD = Rotation.from_euler('z', -np.pi / 2)  # of a frame whose y leads away from the robot
-_BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
-_GAP = 1e-4  # m: between the water of a tank and its floor
 _UPRIGHT = np.cos(np.deg2rad(2.0))  # an object that leans more does not stand
 
 
@@ -94,7 +92,7 @@ class WorkplaceLook:
             solids += [at.solid(water_jet(waves, float(rng.uniform(0.003, 0.007)),
                                           place.level + 0.001, outlet)),
                        *tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
-        solids.append(frame.solid(water_surface(waves, low - _BEYOND, high + _BEYOND, place.level,
+        solids.append(frame.solid(water_surface(waves, low - BEYOND, high + BEYOND, place.level,
                                                 slope, hole, jet)))
         return target, solids, sheets
 
@@ -104,10 +102,10 @@ class WorkplaceLook:
         place = self.place
         middle = np.mean([place.low, place.high], axis=0)
         frame, low, high = _frame(place, to_camera, middle)
-        water = frame.box(np.array([*low, place.floor + _GAP]), np.array([*high, place.level]),
+        water = frame.box(np.array([*low, place.floor + GAP]), np.array([*high, place.level]),
                           WATER)
         film = random_film(rng, 1.0)
-        front = frame.across_y((low[0], high[0]), low[1] - _BEYOND, (place.floor, place.rim),
+        front = frame.across_y((low[0], high[0]), low[1] - BEYOND, (place.floor, place.rim),
                                film.texture, film.side)
         sheets = [replace(front, opacity=film.opacity),
                   frame.level((-2, -2), (2, 2), place.floor, palette.texture(), 0.4),

@@ -98,11 +98,11 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
     poses = [camera @ each for each in worlds]
     targets = tuple(random_target(rng, each, pose, settings.roi, empty)
                     for each, pose in zip(objects, poses, strict=True))
-    things, places = random_clutter(rng, int(rng.integers(settings.clutter + 1)), palette, circles,
-                                    camera)
+    items, places = random_clutter(rng, int(rng.integers(settings.clutter + 1)), palette, circles,
+                                   camera)
     if not empty:
-        things, places = [*objects, *things], [*poses, *places]
-    solids, owners = placed(things, places)
+        items, places = [*objects, *items], [*poses, *places]
+    solids, owners = placed(items, places)
     if empty:
         owners = [len(objects)] * len(owners)
     sheets = broad_room(rng, camera, palette, circles)
@@ -116,9 +116,9 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
 Circle = tuple[NDArray[np.float64], float]  # middle (2,) and radius of a footprint [m]
 
 
-def _footprint(thing: SceneObject, rest: Pose) -> Circle:
-    """The circle on the table about a thing at rest above the origin."""
-    flat = (thing.vertices @ rest[:3, :3].T + rest[:3, 3])[:, :2]
+def _footprint(item: SceneObject, rest: Pose) -> Circle:
+    """The circle on the table about an item at rest above the origin."""
+    flat = (item.vertices @ rest[:3, :3].T + rest[:3, 3])[:, :2]
     middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
     return middle, float(np.linalg.norm(flat - middle, axis=1).max())
 
@@ -168,17 +168,17 @@ def _ball(rng: np.random.Generator, finish: Finish) -> SceneObject:
                        np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
 
 
-def _worn(rng: np.random.Generator, thing: SceneObject, palette: Palette) -> SceneObject:
-    """At times frosted, with a label, with stains; of opaque things nothing changes."""
-    first = thing.solids[0]
+def _worn(rng: np.random.Generator, item: SceneObject, palette: Palette) -> SceneObject:
+    """At times frosted, with a label, with stains; of opaque items nothing changes."""
+    first = item.solids[0]
     glass = first.media[0]
     if not isinstance(glass, Clear):
-        return thing
+        return item
     draw = rng.random()
     if draw < 0.1:
         rough = float(np.exp(rng.uniform(np.log(0.02), np.log(0.35))))
         first = replace(first, media=(replace(glass, roughness=rough), *first.media[1:]))
-    low, high = thing.vertices[:, 2].min(), thing.vertices[:, 2].max()
+    low, high = item.vertices[:, 2].min(), item.vertices[:, 2].max()
     if 0.05 < draw < 0.2:
         size = rng.uniform(0.15, 0.7) * (high - low)
         start, turn = rng.uniform(low, high - size), rng.uniform(-np.pi, np.pi)
@@ -192,41 +192,41 @@ def _worn(rng: np.random.Generator, thing: SceneObject, palette: Palette) -> Sce
             (float(low), float(high)), (-np.pi, np.pi), random_texture(rng, ('clouds',)),
             float(rng.uniform(0.05, 0.3)), float(rng.uniform(0.05, 0.5)),
             float(rng.uniform(0.15, 0.6))))
-    return replace(thing, solids=(first, *thing.solids[1:]))
+    return replace(item, solids=(first, *item.solids[1:]))
 
 
-def _lidded(rng: np.random.Generator, thing: SceneObject, finish: Finish) -> SceneObject:
-    """A lid or cap, opaque, on a vessel; its outline is the thing's too."""
-    high = thing.vertices[:, 2].max()
-    rim = np.linalg.norm(thing.vertices[thing.vertices[:, 2] > high - 0.004, :2], axis=1).max()
+def _lidded(rng: np.random.Generator, item: SceneObject, finish: Finish) -> SceneObject:
+    """A lid or cap, opaque, on a vessel; its outline is the item's too."""
+    high = item.vertices[:, 2].max()
+    rim = np.linalg.norm(item.vertices[item.vertices[:, 2] > high - 0.004, :2], axis=1).max()
     radius, down, up = rim * rng.uniform(1.02, 1.12), rng.uniform(0.002, 0.012), \
         rng.uniform(0.001, 0.012)
     profile = np.array([[0, high - down], [radius, high - down], [radius, high + up],
                         [0, high + up]])
     cap = Solid(Frusta.from_profile(profile, 0, 1), (finish(rng),), np.eye(4))
     vertices, faces = outer_mesh(profile)
-    return replace(thing, solids=(*thing.solids, cap),
-                   vertices=np.concatenate([thing.vertices, vertices]),
-                   faces=np.concatenate([thing.faces, faces + len(thing.vertices)]))
+    return replace(item, solids=(*item.solids, cap),
+                   vertices=np.concatenate([item.vertices, vertices]),
+                   faces=np.concatenate([item.faces, faces + len(item.vertices)]))
 
 
 def random_clutter(rng: np.random.Generator, count: int, palette: Palette, circles: list[Circle],
                    camera: Pose) -> tuple[list[SceneObject], list[Pose]]:
-    """Up to `count` things on the table, and their poses (4, 4), object to camera.
+    """Up to `count` items on the table, and their poses (4, 4), object to camera.
 
     circles: footprints of what is there; theirs are appended.
     """
-    things, places = [], []
+    items, places = [], []
     for _ in range(count):
-        thing = _worn(rng, _clutter(rng, palette.finish), palette)
-        if thing.axis is not None and rng.random() < _LIDS:
-            thing = _lidded(rng, thing, palette.finish)
-        rest = thing.at_rest(rng)
-        spot = _spot(rng, thing, rest, circles, camera)
+        item = _worn(rng, _clutter(rng, palette.finish), palette)
+        if item.axis is not None and rng.random() < _LIDS:
+            item = _lidded(rng, item, palette.finish)
+        rest = item.at_rest(rng)
+        spot = _spot(rng, item, rest, circles, camera)
         if spot is not None:
-            things.append(thing)
+            items.append(item)
             places.append(camera @ pose_of(Rotation.identity(), spot) @ rest)
-    return things, places
+    return items, places
 
 
 def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
@@ -244,14 +244,14 @@ def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
     return makers[int(rng.choice(len(makers), p=shares / shares.sum()))][1]()
 
 
-def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: list[Circle],
+def _spot(rng: np.random.Generator, item: SceneObject, rest: Pose, circles: list[Circle],
           camera: Pose) -> NDArray[np.float64] | None:
     """A free place (3,) on the table [m]: beside what is there, behind it, or anywhere.
 
     Its footprint is appended to `circles`. None where no place is found, or where it would be
     nearer than 10 cm to the camera.
     """
-    middle, radius = _footprint(thing, rest)
+    middle, radius = _footprint(item, rest)
     ahead = viewing_way(camera)
     eye = -camera[:3, :3].T @ camera[:3, 3]
     for _ in range(30):
