@@ -6,7 +6,7 @@ import numpy as np
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens, warn_distorted
 from pmcl_ros.messages.header import header_to_message, promised_by
 from pmcl_ros.messages.types import CameraInfo, RegionOfInterest
 from pmcl_ros.runtime.errors import MessageError, PmclError
@@ -49,7 +49,8 @@ def baseline_from(message: CameraInfo) -> float:
 def lens_from(message: CameraInfo, rectified: bool) -> Lens:
     """The lens that a camera_info describes; rectified: that of its image_rect.
 
-    MessageError when the camera is not calibrated, or its pictures are cut or binned.
+    A warning, once, as of `warn_distorted`, names the camera by its frame. MessageError when the
+    camera is not calibrated, or its pictures are cut or binned.
     """
     roi = message.roi
     cut = roi.x_offset or roi.y_offset or (
@@ -67,6 +68,8 @@ def lens_from(message: CameraInfo, rectified: bool) -> Lens:
         pinhole = Pinhole(message.width, message.height, fx, fy, cx, cy)
         if not any(coefficients):
             return Lens(pinhole)
-        return Lens(pinhole, coefficients, message.distortion_model)
+        lens = Lens(pinhole, coefficients, message.distortion_model)
     except PmclError as error:
         raise MessageError(f'camera_info: {error}') from None
+    warn_distorted(message.header.frame_id, lens)
+    return lens

@@ -222,6 +222,15 @@ def test_what_comes_without_a_calibration_is_left_out_and_the_rest_is_not(tmp_pa
     assert 'calibrate the camera' in line
 
 
+def test_a_distortion_that_leaves_little_of_the_picture_is_told_once(tmp_path, caplog):
+    wide = {'k': np.array([20.0, 0, 15, 0, 20, 12, 0, 0, 1]),
+            'd': array('d', [-0.35, 0.12, 0, 0, 0])}
+    infos = [ROBOT.info(seconds, **wide) for seconds in (0, 1, 2)]
+    assert len(read_bag(bag_of(tmp_path, infos, ROBOT.images(), ROBOT.poses())).views) == 3
+    line, = [each for each in caplog.messages if 'distortion' in each]
+    assert line.startswith("camera 'base_link': without its distortion ")
+
+
 def test_views_beyond_the_memory_are_left_and_those_before_taken(tmp_path, caplog, monkeypatch):
     monkeypatch.setattr(view_collection, 'MOST_BYTES', 2 * 5 * PICTURES[0].size + 100)
     found = read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses()))

@@ -24,7 +24,7 @@ from pmcl_ros.lightfield.readers.pictures import (
     read_picture,
 )
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
-from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens, warn_distorted
 from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_yaml_file
@@ -34,7 +34,6 @@ _LOG = logging.getLogger(__name__)
 _NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
-_KEPT = 0.75  # of a picture, without its distortion: less than lenses of 60 degrees leave
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
 
 
@@ -192,7 +191,7 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         camera, pinhole = next(iter(odd.items()))
         _warn_odd(camera, pinhole, len(odd) - 1)
     for camera in dict.fromkeys(each.camera for each in of.views if each.camera):
-        _warn_distorted(camera, of.cameras[camera].lens)
+        warn_distorted(camera, of.cameras[camera].lens)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
@@ -210,18 +209,6 @@ def _warn_odd(camera: str, pinhole: Pinhole, others: int) -> None:
                  'the calibration of another resolution?', camera,
                  f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
                  pinhole.height)
-
-
-@cache
-def _warn_distorted(camera: str, lens: Lens) -> None:
-    if lens.folds:
-        _LOG.warning('camera %r: its distortion, %s %s, shows different directions at one place '
-                     'of the picture: are the coefficients of another model, or in another order?',
-                     camera, lens.model, list(lens.distortion))
-    elif lens.kept < _KEPT:
-        _LOG.warning('camera %r: without its distortion %.0f %% of each picture are left, and an '
-                     'object near the border may be lost: if it can be there, undistort the '
-                     'pictures with a smaller fx, and state that camera', camera, 100 * lens.kept)
 
 
 def _check_no_copies(of: ViewsFile, views: Sequence[PosedView], name: str) -> None:

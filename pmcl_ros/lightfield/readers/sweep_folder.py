@@ -14,7 +14,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
 from pmcl_ros.lightfield.sweep.assemble import assemble, is_grid
-from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame, warn_distorted
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
@@ -100,6 +100,7 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
     try:
         frames = [_frame(yaml.parent, of.frames[0], of)]
+        warn_distorted(of.frames[0].file, frames[0].lens)
         size = len(of.frames) * frames[0].image.nbytes
         if size > _MOST_BYTES:
             raise LightFieldError(

@@ -1,7 +1,8 @@
 """One picture of a sweep with its camera and its pose."""
 
+import logging
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal, NamedTuple, get_args
 
 import cv2
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import LightFieldError
 
+_LOG = logging.getLogger(__name__)
 DistortionModel = Literal['plumb_bob', 'rational_polynomial', 'equidistant']
 _COUNTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14), 'equidistant': (0, 4)}
 _COARSE = 64  # px: directions that are tried, across and down
+_KEPT = 0.75  # of a picture, without its distortion: less than lenses of 60 degrees leave
 _SIGMA = 1.0  # px: smooths pixel noise, which motion does not blur
 _RIGID = 1e-4  # tolerance of orthogonality: poses in messages are rounded
 
@@ -99,6 +102,19 @@ class Lens:
         seen = np.asarray(cv2.remap(picture, x, y, cv2.INTER_CUBIC,
                                     borderMode=cv2.BORDER_REPLICATE), np.float32)
         return np.clip(seen, 0, 1, out=seen)
+
+
+@cache  # camera_info comes with each picture
+def warn_distorted(camera: str, lens: Lens) -> None:
+    """Warn, once, of a distortion that folds the picture of a camera, or leaves little of it."""
+    if lens.folds:
+        _LOG.warning('camera %r: its distortion, %s %s, shows different directions at one place '
+                     'of the picture: are the coefficients of another model, or in another order?',
+                     camera, lens.model, list(lens.distortion))
+    elif lens.kept < _KEPT:
+        _LOG.warning('camera %r: without its distortion %.0f %% of each picture are left, and an '
+                     'object near the border may be lost: if it can be there, undistort the '
+                     'pictures with a smaller fx, and state that camera', camera, 100 * lens.kept)
 
 
 class LeftOut(NamedTuple):
