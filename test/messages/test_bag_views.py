@@ -226,7 +226,7 @@ def test_a_distortion_that_leaves_little_of_the_picture_is_told_once(tmp_path, c
     wide = {'k': np.array([20.0, 0, 15, 0, 20, 12, 0, 0, 1]),
             'd': array('d', [-0.35, 0.12, 0, 0, 0])}
     infos = [ROBOT.info(seconds, **wide) for seconds in (0, 1, 2)]
-    assert len(read_bag(bag_of(tmp_path, infos, ROBOT.images(), ROBOT.poses())).views) == 3
+    read_bag(bag_of(tmp_path, infos, ROBOT.images(), ROBOT.poses()))
     line, = [each for each in caplog.messages if 'distortion' in each]
     assert line.startswith("camera 'base_link': without its distortion ")
 
