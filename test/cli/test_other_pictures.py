@@ -58,14 +58,17 @@ def expected(capture):
     return found
 
 
-def test_a_bag_of_posed_views_has_the_pose_of_their_folder(capture, expected, tmp_path):
+def test_a_bag_of_posed_views_has_the_pose_of_their_folder(capture, expected, tmp_path, capsys):
     bag = tmp_path / 'bag'
     pmcl('bag', 'record', capture, bag)
     assert [each.name for each in bags.topics(bag)] == [
         '/posed_views/camera_info', '/posed_views/poses', '/posed_views/sigma', '/posed_views']
     found = localized(bag, capture, '--object', capture / 'model.obj')
     np.testing.assert_allclose(found['position'], expected['position'], atol=1e-5)
+    capsys.readouterr()
     assert GivenSource(bag).open().posed
+    frame = read_source(capture).header.frame_id
+    assert capsys.readouterr().err == f'{bag}: 2 views, poses in the frame {frame!r}\n'
     for name in ('model.obj', 'truth.json'):
         shutil.copy(capture / name, bag)
     assert isinstance(Capture.load(bag).read(None), PosedViews)  # as pmcl evaluate does
