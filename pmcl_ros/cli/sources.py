@@ -190,11 +190,10 @@ class GivenSource(GivenReading):
             return _decoded(capture, self.calibration or _configured('calibration'),
                             self.white or _configured('white'))
         self._check_no_raw()
-        posed = isinstance(capture, PosedViews)
-        if posed:  # of a robot's bag nothing else says how many places it has
+        if isinstance(capture, PosedViews):  # nothing else says how many
             STDERR.print(f'{self.source}: {len(capture.views)} views, poses in the frame '
                          f'{capture.header.frame_id!r}', markup=False, soft_wrap=True)
-        return Opened(lambda: capture, posed)
+        return Opened(lambda: capture, isinstance(capture, PosedViews))
 
     def _check_folder(self, reading: Reading) -> None:
         try:
