@@ -6,6 +6,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
@@ -120,16 +121,21 @@ class FixedCameras(StageNode):
 
     def _look(self) -> None:
         self._join()
-        if self._silent or time.monotonic() - self._heard < _SILENCE:
+        failed = self.health.level != DiagnosticStatus.OK  # that is told until there is a result
+        if self._silent or failed or time.monotonic() - self._heard < _SILENCE:
             return
         self._silent = True
         awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
                             for each in self._pictures)
-        self.health.warn(f'no picture for {_SILENCE:g} s; awaited on {awaited}')
-        if not self._told:  # once: cameras may be triggered rarely
+        text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
+        if self.health.frames_out:  # cameras may be triggered rarely
+            self.health.message = text
+        else:
+            self.health.warn(text)
+        if not self._told:
             self._told = True
-            self.get_logger().warning(f'{self.health.message}: do the cameras run, are topics to '
-                                      'be remapped, is `reliable` what they offer?')
+            self.get_logger().warning(f'{text}: do the cameras run, are topics to be remapped, is '
+                                      '`reliable` what they offer?')
 
     def _join(self) -> None:
         """Publish the sets that are complete, the oldest first; give up those that will not be."""
