@@ -8,8 +8,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers.pictures import full_range
-from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings, SweepDriverSettings
+from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.nodes.runtime.base import StageNode
 

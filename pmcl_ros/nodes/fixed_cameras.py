@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.se3 import transform
+from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
-from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from

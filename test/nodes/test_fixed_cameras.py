@@ -28,9 +28,9 @@ from test_sweep_driver import BASE, SECOND, START
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.header import header_from, header_to_message

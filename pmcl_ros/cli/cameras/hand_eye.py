@@ -20,9 +20,9 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
+from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings
 from pmcl_ros.runtime.errors import LightFieldError, PmclError
 from pmcl_ros.runtime.outputs import refuse_existing
 

@@ -1,30 +1,15 @@
 """Parameters of sweeps and of the node that collects them."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.readers.pictures import Bits
+from pmcl_ros.lightfield.view_fields import Common, Gamma, Shrink, SigmaPosition, SigmaRotation
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
-
-Shrink = Annotated[int, Field(ge=1, le=32, description='side of the squares of pixels that are '
-                              'averaged to one [px]')]
-Gamma = Annotated[float, Field(ge=0.1, le=10, description="exponent that linearises the images' "
-                               'values; 1: they are linear')]
-_SigmaPosition = Annotated[float, Field(ge=0, le=1, description='posed views: standard deviation '
-                                        "of the position of a camera's pose, on each axis [m]")]
-_SigmaRotation = Annotated[float, Field(
-    ge=0, le=3, description="posed views: standard deviation of the rotation of a camera's pose, "
-    'about each axis [rad]')]
-_Common = Annotated[float, Field(
-    ge=0, le=1, description='posed views: share of these variances that all views have in common, '
-    'for example by an error of the hand-eye transform, or because fixed cameras were calibrated '
-    'together and then to the robot [1]')]
-_Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
-_MOST_CAMERAS = 9  # as many views as searches were measured with
 
 
 class SweepSettings(Settings):
@@ -80,9 +65,9 @@ class ViewSettings(SweepSettings):
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
                             'this number of views; where drift is set the oldest goes instead')
-    sigma_position: _SigmaPosition = 0.001
-    sigma_rotation: _SigmaRotation = 0.0035
-    common: _Common = 0.5
+    sigma_position: SigmaPosition = 0.001
+    sigma_rotation: SigmaRotation = 0.0035
+    common: Common = 0.5
     drift: float = Field(
         0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an '
         'object that does not rest, on each axis. The pose is that at the last view; earlier '
@@ -126,59 +111,6 @@ class SweepDriverSettings(ViewSettings):
     at_once: bool = Field(True, description='start to collect on activation; false: on ~/start')
     auto_finish: bool = Field(True, description='publish as soon as the grid is complete; false: '
                               'on ~/finish')
-
-
-class FixedCameraSettings(Settings):
-    """Images of several cameras at rest -> PosedViews."""
-
-    cameras: tuple[_Name, ...] = Field(
-        ('left', 'right'), min_length=1, max_length=_MOST_CAMERAS, description='the cameras: of '
-        'each NAME the topics NAME/image_raw (where rectified, NAME/image_rect) and '
-        'NAME/camera_info. All views have the pinhole of the first one')
-    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
-                             'NAME/image_raw/compressed or NAME/image_rect/compressed')
-    rectified: bool = Field(False, description='the images are rectified: P of camera_info '
-                            'applies')
-    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
-                           'effort, for cameras that offer no more')
-    camera_poses: str = Field('', description='path of a YAML file with `poses` of `cameras`, in '
-                              'their order: optical frame to fixed_frame, 16 numbers each; empty: '
-                              'by camera_mounts')
-    camera_mounts: tuple[float, ...] = Field(
-        (0.0,), description='poses of `cameras` as pmcl handeye writes them: x, y, z [m] and '
-        'roll, pitch, yaw as in URDF [rad] of each, in fixed_frame; 0 alone: the newest '
-        'transforms on /tf, of the frames that the images name')
-    fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
-    slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
-                        'set of pictures; less than half the time between two sets [s]')
-    patience: float = Field(1.0, gt=0, le=100, description='longest wait of a picture for those '
-                            'of the other cameras [s]')
-    period: float = Field(0.0, ge=0, le=1000, description='shortest time between two sets that '
-                          'are published; 0: all are [s]')
-    sigma_position: _SigmaPosition = 0.001
-    sigma_rotation: _SigmaRotation = 0.0035
-    common: _Common = 0.0
-    shrink: Shrink = 1
-    gamma: Gamma = 2.2
-    bits: Bits = 16
-
-    @model_validator(mode='after')
-    def _different(self) -> 'FixedCameraSettings':
-        if len(set(self.cameras)) < len(self.cameras):
-            raise ValueError(f'cameras {", ".join(self.cameras)}: one is named twice')
-        if self.mounted and self.camera_poses:
-            raise ValueError('camera_poses and camera_mounts both say where the cameras are: '
-                             'leave one of them out')
-        if self.mounted and len(self.camera_mounts) != 6 * len(self.cameras):
-            raise ValueError(f'camera_mounts has {len(self.camera_mounts)} numbers, expected 6 '
-                             f'for each of {len(self.cameras)} cameras '
-                             f'({", ".join(self.cameras)})')
-        return self
-
-    @property
-    def mounted(self) -> bool:
-        """Whether camera_mounts says where the cameras are."""
-        return self.camera_mounts != (0.0,)
 
 
 def check_mounted(mount: NDArray[np.float64]) -> None:

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.sweep.assemble import summary
 from pmcl_ros.lightfield.sweep.collection import MOST_BYTES, Frames
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.selection import FASTEST, distance, distances, moves
-from pmcl_ros.lightfield.sweep.settings import FixedCameraSettings, ViewSettings
+from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
