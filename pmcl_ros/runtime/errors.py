@@ -111,6 +111,10 @@ class PoseUnavailableError(PmclError):
     """The pose of an arm or a camera is not known at the time of a capture."""
 
 
+class MissingRosError(PmclError, ImportError):
+    """ROS is needed and not installed."""
+
+
 class MessageError(PmclError):
     """A ROS message does not hold what its topic promises."""
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 
+from pmcl_ros.runtime.errors import MissingRosError
 from pmcl_ros.runtime.requirements import described, install_command, lacking
 
 MODULES = {
@@ -39,6 +40,9 @@ def start(name: str) -> int | None:
         return import_module(MODULES[name]).main()
     except KeyboardInterrupt:
         return 130
+    except MissingRosError as error:
+        sys.stderr.write(f'{error}\n')
+        return 1
     except ImportError:
         try:
             missing = lacking()

@@ -77,6 +77,41 @@ def test_every_entry_point_says_that_ubuntu_s_pydantic_is_too_old(old_pydantic, 
     assert advice.endswith("-m pip install 'pydantic>=2.7'")
 
 
+@pytest.fixture
+def without_ros(tmp_path):
+    """The environment of a Python that finds no rclpy."""
+    (tmp_path / 'sitecustomize.py').write_text("import sys\nsys.modules['rclpy'] = None\n")
+    return os.environ | {'PYTHONPATH': f'{tmp_path}:{ROOT}'}
+
+
+@pytest.mark.parametrize('words', [
+    *(['-c', f'import sys; from pmcl_ros.runtime.start import {name}; sys.exit({name}())']
+      for name in MODULES if name != 'pmcl'),
+    ['-m', 'pmcl_ros.nodes.demo'], ['-m', 'pmcl_ros.nodes.runtime.loopback'],
+    ['-m', 'pmcl_ros.cli', 'bench', 'graph']])
+def test_every_program_that_needs_ros_says_so_in_one_line(without_ros, words):
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False,
+                          env=without_ros)
+    assert (done.returncode, done.stdout) == (1, '')
+    told, = done.stderr.splitlines()
+    assert told.removeprefix('Error: ') == (
+        "ROS 2 is not there (no rclpy): pip install '.[ros]' in the source tree, or source the "
+        'setup.bash of a full ROS 2 Jazzy; pmcl works without it')
+
+
+def test_without_ros_a_file_of_tests_that_needs_it_is_an_error_and_others_run(
+        without_ros, tmp_path):
+    (tmp_path / 'test_a.py').write_text('import pmcl_ros.nodes.graph\n')
+    (tmp_path / 'test_b.py').write_text('def test():\n    pass\n')
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '--rootdir', tmp_path,
+         '--continue-on-collection-errors', tmp_path],
+        capture_output=True, text=True, check=False, env=without_ros)
+    assert done.returncode == 1
+    assert '1 passed, 1 error' in done.stdout
+    assert 'INTERNALERROR' not in done.stdout
+
+
 def test_an_opencv_of_the_distribution_which_pip_does_not_know_counts(monkeypatch):
     def unknown(name):
         raise PackageNotFoundError(name)
