@@ -135,39 +135,57 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _problem(options: argparse.Namespace) -> str:
+    """Why nothing can be started by these options; empty where it can."""
+    file, views = options.params_file, options.views
+    problems = (
+        (options.respawn and not (options.processes and options.autostart),
+         '--respawn needs --processes, and autostart'),
+        (file is not None and not file.is_file(), f'there is no {file}'),
+        (options.sweep and views,
+         '--sweep is for a light field, --views for posed views: give one of them'),
+        (options.lytro and views in (None, 'fixed'),
+         '--lytro says what the views are of: give --views too, of a moved camera'))
+    return next((text for wrong, text in problems if wrong), '')
+
+
+def _ros_arguments(options: argparse.Namespace, given: Sequence[str]) -> list[str]:
+    """What the nodes get: the parameter file, what was given, and the remappings of options."""
+    remapped = [f'pose:={options.pose}'] if options.pose else []
+    if options.lytro:
+        remapped += [f'{SWEEP.name}:{name}:={heard}' for name, heard in OF_LYTRO.items()]
+    # first: what the command line says goes over what the file says
+    file = ([] if options.params_file is None
+            else ['--ros-args', '--params-file', str(options.params_file), '--'])
+    return [*file, *given,
+            *(part for each in remapped for part in ('--ros-args', '-r', each, '--'))]
+
+
+def _own_values(options: argparse.Namespace) -> dict[str, dict[str, str | None]]:
+    """By node: parameters that follow from options, whatever a parameter file says."""
+    collect, source = None, None
+    if options.sweep:
+        collect, source = 'grid', 'light_field'
+    elif options.views:
+        collect, source = None if options.views == 'fixed' else options.views, 'posed_views'
+    return {GRASPS.name: {'grasps': options.grasps},
+            SWEEP.name: {'plan': options.sweep, 'collect': collect},
+            'pmcl_node': {'source': source}}
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     given = list(sys.argv if args is None else args)
-    own, ros_args = _split(given[1:])
+    own, of_ros = _split(given[1:])
     parser = _parser()
     options = parser.parse_args(own)
-    if options.respawn and not (options.processes and options.autostart):
-        parser.error('--respawn needs --processes, and autostart')
-    if options.params_file is not None:
-        if not options.params_file.is_file():
-            parser.error(f'there is no {options.params_file}')
-        # first: what the command line says goes over what the file says
-        ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
-    if options.pose:
-        ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
-    if options.sweep and options.views:
-        parser.error('--sweep is for a light field, --views for posed views: give one of them')
-    if options.lytro:
-        if options.views in (None, 'fixed'):
-            parser.error('--lytro says what the views are of: give --views too, of a moved camera')
-        for name, heard in OF_LYTRO.items():
-            ros_args += ['--ros-args', '-r', f'{SWEEP.name}:{name}:={heard}', '--']
-    collect = None if options.views == 'fixed' else options.views
-    source = 'posed_views' if options.views else None
-    if options.sweep:  # whatever a parameter file says
-        collect, source = 'grid', 'light_field'
-    own_values = {GRASPS.name: {'grasps': options.grasps},
-                  SWEEP.name: {'plan': options.sweep, 'collect': collect},
-                  'pmcl_node': {'source': source}}
+    if problem := _problem(options):
+        parser.error(problem)
+    ros_args = _ros_arguments(options, of_ros)
     try:
         others = [(file, node) for file in parameter_files(ros_args)
                   for node in check_parameter_file(file)]
-        with parameter_file(own_values) as last, ros([given[0], *ros_args, *last]):
+        with parameter_file(_own_values(options)) as last, ros([given[0], *ros_args, *last]):
             for file, node in others:
                 get_logger('pmcl_bringup').warning(
                     f'{file} has parameters for {node!r}, which is none of this package')
