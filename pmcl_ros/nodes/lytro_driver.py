@@ -175,6 +175,35 @@ class LytroDriver(StageNode):
         if not self._streaming:
             return _ENDED
         began = time.monotonic()
+        frame = self._fetch(picture)
+        self._await_listener()
+        patience = Duration(seconds=_ARRIVAL)
+        with self._publishing:
+            if not self._streaming:
+                return _ENDED
+            self._metadata.publish(String(data=frame.metadata.text))
+        # Before the picture: topics are in no order, and a lost message comes again after 3 s.
+        received = self._metadata.wait_for_all_acked(patience)
+        with self._publishing:
+            if not self._streaming:
+                return _ENDED
+            heard = self._image.wanted()
+            self._image.publish(frame)
+            self._queue.done(picture)
+            self.health.frames_in += 1
+            self.done(time.monotonic() - began, f'published {picture.id} as capture '
+                      f'{picture.shutter_ns}')
+        # The next may follow at once, and the histories of the topics have room for one.
+        received = received and self._image.arrived(patience)
+        if not (heard and received):
+            self._tell_unheard(picture, heard)
+        if self._settings.delete:
+            self._delete(picture, received and heard)
+        return f'published {picture.id} with stamp {picture.shutter_ns}'
+
+    def _fetch(self, picture: Picture) -> RawFrame:
+        """The picture; LinkError, or CameraError where what comes is no picture."""
+        began = time.monotonic()
         try:
             raw, text = self._camera.fetch(picture)
             seconds = time.monotonic() - began
@@ -190,34 +219,18 @@ class LytroDriver(StageNode):
             raise CameraError(f'picture {picture.id}: {error}; it {what}') from error
         self._details['last download [s]'] = f'{seconds:.2f}'
         self._details['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
-        self._await_listener()
-        patience = Duration(seconds=_ARRIVAL)
-        with self._publishing:
-            if not self._streaming:
-                return _ENDED
-            self._metadata.publish(String(data=metadata.text))
-        # Before the picture: topics are in no order, and a lost message comes again after 3 s.
-        received = self._metadata.wait_for_all_acked(patience)
-        with self._publishing:
-            if not self._streaming:
-                return _ENDED
-            heard = self._image.wanted()
-            self._image.publish(frame)
-            self._queue.done(picture)
-            self.health.frames_in += 1
-            self.done(time.monotonic() - began, f'published {picture.id} as capture '
-                      f'{picture.shutter_ns}')
-        # The next may follow at once, and the histories of the topics have room for one.
-        received = received and self._image.arrived(patience)
-        if not (heard and received):
-            # In the first case another may have got it; one that was killed is a while in getting.
-            why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
-                   else 'image_raw has no subscriber')
-            why = '; '.join(filter(None, (why, standstill())))
-            self.dropped(f'capture {picture.shutter_ns}: {why}', int(not heard))
-        if self._settings.delete:
-            self._delete(picture, received and heard)
-        return f'published {picture.id} with stamp {picture.shutter_ns}'
+        return frame
+
+    def _tell_unheard(self, picture: Picture, heard: bool) -> None:
+        """Log that a picture reached nobody, or not everybody.
+
+        heard: image_raw has subscribers. One may have got it then; one that was killed is a while
+        in getting it.
+        """
+        why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
+               else 'image_raw has no subscriber')
+        why = '; '.join(filter(None, (why, standstill())))
+        self.dropped(f'capture {picture.shutter_ns}: {why}', int(not heard))
 
     def _await_listener(self) -> None:
         """Soon after activation it may not have been found yet, and would miss the picture."""
