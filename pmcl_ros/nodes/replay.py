@@ -147,17 +147,43 @@ def _profile(qos: Qos) -> QoSProfile:
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
 
 
-def _wanted(topic: str, options: argparse.Namespace) -> bool:
+def _chosen(options: argparse.Namespace) -> dict[str, Topic]:
+    """The topics of the bag that are to be played; BagError where there are none."""
+    found = {each.name: each for each in topics(options.bag)}
+    if unknown := [each for each in options.topic if each not in found]:
+        raise BagError(f'{options.bag} has no topic {", ".join(unknown)}: it holds '
+                       f'{", ".join(found)}')
     if not options.topic and options.preset is None:
-        return True
-    stage = PRESETS[options.preset] if options.preset else ()
-    # in whatever namespace it was recorded
-    return topic in options.topic or any(topic.endswith(f'/{each.lstrip("/")}') for each in stage)
+        chosen = found
+    else:
+        # in whatever namespace it was recorded
+        of_stage = tuple(f'/{each.lstrip("/")}' for each in PRESETS.get(options.preset, ()))
+        chosen = {name: each for name, each in found.items()
+                  if name in options.topic or name.endswith(of_stage)}
+    if not chosen:
+        raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
+    return chosen
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point."""
-    given = list(sys.argv if args is None else args)
+def replay(node: Node, options: argparse.Namespace, chosen: dict[str, Topic]) -> None:
+    """Play topics of a bag, once or for ever; BagError where nobody listens or answers."""
+    lockstep = None
+    if options.in_step:  # its import of numba takes longer than the start of the rest
+        from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
+        lockstep = LockstepPlayer(node, chosen.values(), options.patience)
+    player = Player(node, chosen.values())
+    player.wait_for_subscribers(options.subscribers, options.timeout)
+    if lockstep is not None:
+        lockstep.wait_for_answerer(options.timeout)
+    while True:
+        began = time.monotonic()
+        player.play(read(options.bag, chosen), options.rate, lockstep)
+        if not options.loop:
+            return
+        pause(began + _ROUND - time.monotonic())
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='pmcl_replay', description=__doc__)
     parser.add_argument('bag', help='folder of the bag')
     parser.add_argument('--rate', type=float, default=1.0, help='times as fast as recorded')
@@ -175,34 +201,20 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--preset', choices=list(PRESETS),
                         help='play only the topics of this stage, as of pmcl_record')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    return parser
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    given = list(sys.argv if args is None else args)
+    parser = _parser()
     options = parser.parse_args(remove_ros_args(given)[1:])
     if not options.rate > 0:  # nor NaN
         parser.error(f'--rate must be positive, not {options.rate}')
     try:
-        found = {each.name: each for each in topics(options.bag)}
-        if unknown := [each for each in options.topic if each not in found]:
-            raise BagError(f'{options.bag} has no topic {", ".join(unknown)}: it holds '
-                           f'{", ".join(found)}')
-        chosen = {name: each for name, each in found.items() if _wanted(name, options)}
-        if not chosen:
-            raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
+        chosen = _chosen(options)
         with ros(given):
-            node = Node('pmcl_replay')
-            lockstep = None
-            if options.in_step:  # its import of numba takes longer than the start of the rest
-                from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
-                lockstep = LockstepPlayer(node, chosen.values(), options.patience)
-            player = Player(node, chosen.values())
-            player.wait_for_subscribers(options.subscribers, options.timeout)
-            if lockstep is not None:
-                lockstep.wait_for_answerer(options.timeout)
-            again = True
-            while again:
-                began = time.monotonic()
-                player.play(read(options.bag, chosen), options.rate, lockstep)
-                again = options.loop
-                if again:
-                    pause(began + _ROUND - time.monotonic())
+            replay(Node('pmcl_replay'), options, chosen)
     except PmclError as error:
         sys.stderr.write(f'pmcl_replay: {error}\n')
         return 1
