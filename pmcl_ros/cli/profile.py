@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.cli.sources import GivenSource, view_options
@@ -51,37 +52,27 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
         raise click.UsageError(f'-o {out}: give the name of an object YAML, as glass.yaml')
     mesh = out.with_suffix(f'.{kind}')
     refuse_existing([out, mesh], force)
-    marked = _marked(boxes, points)
-    length = float(np.linalg.norm(up))
-    if not (np.isfinite(length) and length > 0):
-        raise click.UsageError(f'--up {up}: it has no direction')
+    marked, axis = _marked(boxes, points), _direction(up)
     if not marked:
-        from pmcl_ros.cli import box_window  # here, as matplotlib takes most of a second
-        if not box_window.has_screen():
-            raise click.UsageError('say where the object is: --box or --points; there is no '
-                                   'screen for a window to mark it in')
-    read = source.open().read()
-    views = read.views if isinstance(read, PosedViews) else (read,)
-    posed = [each for each in views if isinstance(each, PosedView)]
-    if not posed:
-        raise ProfileError(f'{source.source} is a light field: a profile needs pictures with '
-                           'camera poses, a views.yaml (docs/howto/profile.md)')
+        _check_screen()
+    views = _posed_views(source)
     marked = {view: resized(box, 1 / source.shrink) for view, box in marked.items()}
-    missing = [each for each in marked if not 0 <= each < len(posed)]
+    missing = [each for each in marked if not 0 <= each < len(views)]
     if missing:
-        raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(posed)}, '
+        raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(views)}, '
                            'numbered from 0')
     results = None if pictures is None else results_in(pictures, force)
-    names = [f'profile_{number:03d}.png' for number in range(len(posed))]
+    names = [f'profile_{number:03d}.png' for number in range(len(views))]
     if results is not None:
         results.reserve(*names)
     if not marked:
-        marked = box_window.boxes_in_window(posed, 2 if height is None else 1, source.shrink)
-    found = measured(posed, marked, np.array(up) / length, height)
+        from pmcl_ros.cli.box_window import boxes_in_window
+        marked = boxes_in_window(views, 2 if height is None else 1, source.shrink)
+    found = measured(views, marked, axis, height)
     out.parent.mkdir(parents=True, exist_ok=True)
     found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')
     if results is not None:
-        for name, view in zip(names, posed, strict=True):
+        for name, view in zip(names, views, strict=True):
             pose = np.linalg.inv(view.camera_to_reference) @ found.pose
             write_png(results.path(name),
                       overlay(view.displayed(), view.pinhole, found.model, pose))
@@ -101,6 +92,33 @@ def _marked(boxes: tuple[tuple[int, float, float, float, float], ...],
     if len(marked) < len(given):
         raise click.UsageError('a view has one --box or --points, not several')
     return marked
+
+
+def _direction(up: tuple[float, float, float]) -> NDArray[np.float64]:
+    """(3,) of unit length; UsageError where there is none."""
+    length = float(np.linalg.norm(up))
+    if not (np.isfinite(length) and length > 0):
+        raise click.UsageError(f'--up {up}: it has no direction')
+    return np.array(up) / length
+
+
+def _check_screen() -> None:
+    """UsageError where no window can be opened to mark the object in."""
+    from pmcl_ros.cli.box_window import has_screen  # here: matplotlib takes most of a second
+    if not has_screen():
+        raise click.UsageError('say where the object is: --box or --points; there is no '
+                               'screen for a window to mark it in')
+
+
+def _posed_views(source: GivenSource) -> list[PosedView]:
+    """The pictures of a source; ProfileError where it has other views."""
+    read = source.open().read()
+    views = read.views if isinstance(read, PosedViews) else (read,)
+    posed = [each for each in views if isinstance(each, PosedView)]
+    if not posed:
+        raise ProfileError(f'{source.source} is a light field: a profile needs pictures with '
+                           'camera poses, a views.yaml (docs/howto/profile.md)')
+    return posed
 
 
 def box_about(text: str) -> Box:
