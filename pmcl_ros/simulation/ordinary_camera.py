@@ -20,9 +20,9 @@ from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 
 _APERTURE = 0.0003  # m: a quarter of its width
 _PUPIL = 4.0  # of these: none of the aperture is cut off
-_LARGEST = 9.0  # of the picture: the pinhole picture that its distortion needs
+_LARGEST = 25.0  # of the picture: the pinhole picture that its distortion needs
 _MOST_PIXELS = 2 ** 26  # as of pictures that are read
-_TRIES, _CLOSE = 100, 0.01  # steps of inverting a distortion, and the tolerance [px]
+_TRIES, _CLOSE = 500, 0.01  # steps of inverting a distortion, and the tolerance [px]
 
 
 class OrdinaryCamera(ViewCamera):
@@ -88,7 +88,9 @@ class _Distortion:
         if not (abs(off).max() <= _CLOSE and size.prod() < _LARGEST * u.size):
             raise LightFieldError(
                 f'{camera.model} distortion {list(lens.distortion)} cannot be undone over '
-                f'{camera.width}x{camera.height} px: is it of pictures of another size?')
+                f'{camera.width}x{camera.height} px: is it of pictures of another size? Of a lens '
+                'that sees farther than about 80 degrees from its axis, simulate the middle of '
+                'the picture: width, height, cx and cy of a part')
         left, top, width, height = (int(each) for each in (*low, *size))
         x, y = np.moveaxis((seen - low).astype(np.float32), -1, 0)
         return cls(pinhole.crop(left, top, width, height), x, y)
