@@ -1,6 +1,6 @@
 """What poses of cameras seem to be, where these do not see the region of interest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +66,18 @@ def check_poses(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
             'poses, or leave out the views that do not see it')
 
 
+def without_mistakes(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]]
+                     ) -> Iterator[tuple[str, list[tuple[Pinhole, NDArray[np.float64]]]]]:
+    """The cameras without each mistake that poses may have, after the question for it."""
+    for mistake, mended in _MISTAKES.items():
+        yield mistake, [(pinhole, mended(camera)) for pinhole, camera in cameras]
+
+
 def _mistake(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
              place: tuple[float, float, float]) -> str:
     """The question for one mistake; empty where none explains what the views do not see."""
-    for mistake, mended in _MISTAKES.items():
-        count = sum(sees(pinhole, mended(camera), place) for pinhole, camera in cameras)
+    for mistake, mended in without_mistakes(cameras):
+        count = sum(sees(*each, place) for each in mended)
         if count >= _MOST * len(cameras):
             share = 'all' if count == len(cameras) else f'{count} of'
             return f'{mistake} {share} {len(cameras)} views see its middle'

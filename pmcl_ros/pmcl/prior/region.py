@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
+from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees, without_mistakes
 from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
@@ -209,21 +209,30 @@ def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.flo
     if not settings.region_in_view:
         return settings
     near, far = settings.roi_depths if any(settings.roi_depths) else _REACH
-    places = np.concatenate([_places(*each, near, far, settings.roi_table, radius)
-                             for each in cameras])
-    for each in cameras:
-        places = places[_in_view(*each, places, near, far)]
+    places = _seen_by_all(cameras, near, far, settings.roi_table, radius)
     if not len(places):
         table = f' on the table {settings.roi_table}' if any(settings.roi_table) else ''
+        questions = [f'{mistake} there is one' for mistake, mended in without_mistakes(cameras)
+                     if len(_seen_by_all(mended, near, far, settings.roi_table, radius))]
         raise LocalizationError(
             f'no place {near:g} to {far:g} m away{table} is in view of all {len(cameras)} '
-            'cameras; are depths and table right? Else give the box')
+            'cameras; ' + '; '.join(
+                questions or ['are depths and table right? Else give the box']))
     low, high = places.min(axis=0), places.max(axis=0)
     upright = settings.is_oriented and not any(settings.roi_up)
     return settings.model_copy(update={
         'roi_up': settings.roi_table[3:] if upright else settings.roi_up,
         'roi_center': tuple(((low + high) / 2).tolist()), 'roi_size': tuple((high - low).tolist()),
         'roi_depths': (0.0, 0.0), 'roi_table': (0.0,) * 6})
+
+
+def _seen_by_all(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]], near: float, far: float,
+                 table: tuple[float, ...], radius: float) -> NDArray[np.float64]:
+    """(n, 3) places where the object's origin may be that all of the cameras see."""
+    places = np.concatenate([_places(*each, near, far, table, radius) for each in cameras])
+    for each in cameras:
+        places = places[_in_view(*each, places, near, far)]
+    return places
 
 
 def _places(pinhole: Pinhole, camera: NDArray[np.float64], near: float, far: float,

@@ -1,5 +1,7 @@
 """Poses of cameras that are something else than they should be are told."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.pmcl.prior.odd_poses import check_poses, likely_mistake, sees
-from pmcl_ros.pmcl.prior.region import regions_before
+from pmcl_ros.pmcl.prior.region import Box, regions_before, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -27,6 +29,11 @@ def in_millimetres(pose):
     pose = pose.copy()
     pose[:3, 3] *= 1000
     return pose
+
+
+def in_box(settings):
+    """Whether PLACE is in the region."""
+    return Box(settings.roi_center, settings.roi_size).contains(np.array([PLACE])).all()
 
 
 def of_camera(poses):
@@ -55,6 +62,22 @@ def test_it_is_asked_where_no_view_sees_the_region():
     with pytest.raises(LocalizationError, match=r'none of the 4 views sees .* By their inverses'):
         regions_before(of_camera(map(inverse, around())), PmclSettings(roi_center=PLACE), 0.05,
                        'base')
+
+
+NEAR, ON_TABLE = {'roi_depths': (0.4, 0.8)}, {'roi_table': (*PLACE, 0, 0, 1)}
+
+
+@pytest.mark.parametrize(('given', 'mistaken', 'told'), [
+    (NEAR | ON_TABLE, inverse, 'from that frame to the camera? By their inverses there is one'),
+    *((given, lambda pose: pose @ BACKWARDS, 'third column of their poses there is one')
+      for given in (NEAR, ON_TABLE)),
+    *((given, in_millimetres, 'are the poses in millimetres? In metres there is one')
+      for given in (NEAR, ON_TABLE))])
+def test_it_is_asked_where_all_that_is_in_view_is_nothing(given, mistaken, told):
+    right, settings = around(), PmclSettings(**given)
+    assert in_box(with_region(settings, of_camera(right), 0.05))
+    with pytest.raises(LocalizationError, match=re.escape(told)):
+        with_region(settings, of_camera(map(mistaken, right)), 0.05)
 
 
 @pytest.mark.parametrize(('mistaken', 'told'), [
