@@ -46,7 +46,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
-from pmcl_ros.pmcl.prior.odd_poses import check_poses
+from pmcl_ros.pmcl.prior.odd_poses import check_poses, check_size
 from pmcl_ros.pmcl.prior.region import Region, regions_before, size_in_view
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Window
@@ -139,8 +139,8 @@ def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView],
 def windows_of(source: Source, settings: PmclSettings, radius: float) -> dict[int, Window]:
     """What the object can cover of each picture that sees the region of interest, by its number.
 
-    radius: of the object [m]. Raises LocalizationError where none does, or where few do by what
-    seems a mistake in the poses of the cameras.
+    radius: of the object [m]. Raises LocalizationError where none does, or where few do, or from
+    too far, by what seems a mistake in the poses of the cameras.
     """
     if not isinstance(source, PosedViews):
         region = Region(settings.roi_center, settings.roi_size)
@@ -148,6 +148,7 @@ def windows_of(source: Source, settings: PmclSettings, radius: float) -> dict[in
     cameras = cameras_of(source)
     seen = regions_before(cameras, settings, radius, source.header.frame_id)
     check_poses(cameras, settings.roi_center, len(seen))
+    check_size(max(size_in_view(2 * radius, settings.roi_center, *each) for each in cameras))
     return {number: region.window(source.views[number].pinhole, radius)
             for number, region in seen.items()}
 

@@ -300,6 +300,20 @@ def test_poses_that_seem_mistaken_are_refused_before_evidence_is_made():
     assert stages == ['views']
 
 
+def test_poses_in_millimetres_are_refused_though_all_views_see_the_region():
+    """Of cameras that look at the origin."""
+    settings = SETTINGS.model_copy(update={'roi_center': (0.0, 0.0, 0.0)})
+    cameras = [pose_of(turn, turn.apply([0, 0, -400])) for turn in Rotation.from_euler(
+        'y', [[0], [20], [40]], degrees=True)]
+    views = PosedViews(tuple(replace(picture(), camera_to_reference=each) for each in cameras))
+    with pytest.raises(LocalizationError, match=r'0\.\d+ px .* are the poses in millimetres'):
+        windows_of(views, settings, CUP.radius)
+    right = tuple(replace(each, camera_to_reference=pose_of(
+        Rotation.from_matrix(each.camera_to_reference[:3, :3]),
+        each.camera_to_reference[:3, 3] / 1000)) for each in views.views)
+    assert set(windows_of(PosedViews(right), settings, CUP.radius)) == {0, 1, 2}
+
+
 @pytest.mark.parametrize('kind', ['edges', 'map', 'auto'])
 def test_a_covered_lens_is_told(caplog, kind):
     given = light_field()

@@ -13,6 +13,7 @@ _BACKWARDS = np.diag([1.0, -1, -1, 1])
 _ASK = ('are poses and region of the same frame, in metres, quaternions in the order x, y, z, w, '
         'and the poses from the camera (z forward) to that frame?')
 _MOST = 0.8  # share of the views that see a place, of poses without a mistake
+_LEAST = 4.0  # px: no object is found that is smaller in all views
 _FAR = 10.0  # m: no camera on a robot is as far from its frame; in millimetres most are
 
 
@@ -64,6 +65,18 @@ def check_poses(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
         raise LocalizationError(
             f'{seen} of {len(cameras)} views see the region of interest: {mistake}; mend the '
             'poses, or leave out the views that do not see it')
+
+
+def check_size(size: float) -> None:
+    """Raise LocalizationError where an object is too small in all views, as in millimetres.
+
+    Cameras that look at the origin see it, wherever they are on that ray. size: of the object in
+    the middle of the region, in the view that it is largest in [px].
+    """
+    if size < _LEAST:
+        raise LocalizationError(f'the object in the region of interest is {size:.2g} px large in '
+                                'the nearest view: are the poses in millimetres, or is the mesh '
+                                'in another unit? All must be in metres')
 
 
 def without_mistakes(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]]
