@@ -24,9 +24,9 @@ class PmclSettings(Settings):
     """Evidence -> PoseEstimate."""
 
     mode: Mode = Field(
-        'default', description='default: global search by contour evidence; faithful: the '
-        'particle filter of the paper; for its whole method set interpolation to phase, truncate '
-        'to true and view_weights to equal in dlv_node too')
+        'default', description='default: a global search by contour evidence. faithful: the '
+        'particle filter of the paper, in light fields only. For the volume of the paper, too, '
+        'set in dlv_node interpolation to phase, truncate to true, view_weights to equal')
     evidence: EvidenceKind = Field(
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
         'contour map of the learned network (dlv/contour_map); auto: the map of pictures of '
