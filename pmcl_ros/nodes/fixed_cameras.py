@@ -128,7 +128,8 @@ class FixedCameras(StageNode):
         awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
                             for each in self._pictures)
         text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
-        if self.health.frames_out:  # cameras may be triggered rarely
+        if self.health.frames_out and all(each.get_publisher_count() for each in self._pictures):
+            # Cameras that are there may be triggered rarely.
             self.health.message = text
         else:
             self.health.warn(text)

@@ -314,6 +314,13 @@ def test_that_all_cameras_are_silent_is_told_once(tmp_path, user, frames, settin
         # From then on silence is no fault: cameras may be triggered rarely.
         user.wait(lambda: state() == (DiagnosticStatus.OK, silent.replace(' 0)', ' 1)')),
                   'a silence between triggers')
+        for each in (left, right):
+            each.shoot(SECOND)
+        user.wait(lambda: len(views) == 2, 'the next views')
+        for each in (left, right):  # the rig dies
+            assert user.node.destroy_publisher(each.image)
+        user.wait(lambda: state() == (DiagnosticStatus.WARN, silent.replace(' 1)', ' 0)')),
+                  'the silence of cameras that are gone')
         assert node.log.count(f'{silent}: do the cameras run') == 1
 
 
