@@ -205,7 +205,8 @@ class StageNode(LifecycleNode):
 
     def dropped(self, what: str, count: int = 1) -> None:
         """Count and log an input, or several, that are given up."""
-        self.health.dropped += count
+        with self.health.lock:
+            self.health.dropped += count
         self.get_logger().warning(f'dropped {what}')
 
     def publish_diagnostics(self) -> None:

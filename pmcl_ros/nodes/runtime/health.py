@@ -51,28 +51,33 @@ class Health:
 
     def count(self, what: str) -> None:
         """One more of `what`."""
-        self.counts[what] = self.counts.get(what, 0) + 1
+        with self.lock:
+            self.counts[what] = self.counts.get(what, 0) + 1
 
     def done(self, latency: float, message: str = 'active') -> None:
         """A result was published `latency` seconds after its input had come."""
-        self._results.append(self.clock())
-        self.frames_out += 1
-        self.latency_ms = 1000 * latency
-        self.level, self.message = DiagnosticStatus.OK, message
+        with self.lock:
+            self._results.append(self.clock())
+            self.frames_out += 1
+            self.latency_ms = 1000 * latency
+            self.level, self.message = DiagnosticStatus.OK, message
 
     def warn(self, message: str) -> None:
         """The input was good, the result is not: say so until the next result."""
-        self.level, self.message = DiagnosticStatus.WARN, message
+        with self.lock:
+            self.level, self.message = DiagnosticStatus.WARN, message
 
     def failed(self, message: str) -> None:
         """An input could not be used: say so until the next result."""
-        self.errors += 1
-        self.last_error = message
-        self.level, self.message = DiagnosticStatus.ERROR, message
+        with self.lock:
+            self.errors += 1
+            self.last_error = message
+            self.level, self.message = DiagnosticStatus.ERROR, message
 
     def recovered(self) -> None:
         """What had failed works again, though there is no result yet."""
-        self.level, self.message = DiagnosticStatus.OK, 'active'
+        with self.lock:
+            self.level, self.message = DiagnosticStatus.OK, 'active'
 
     def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
         """All of it as a message for /diagnostics."""

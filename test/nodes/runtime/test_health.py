@@ -1,6 +1,7 @@
 """What a node tells of itself is what happened."""
 
 import itertools
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -88,3 +89,16 @@ def test_no_report_has_a_part_of_a_result(health):
         ended.set()
         searching.result()
     assert all(message == capture for message, capture in seen.items())
+
+
+def test_threads_count_together(health):
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            for each in [pool.submit(lambda: [health.count('sent') for _ in range(20_000)])
+                         for _ in range(4)]:
+                each.result()
+    finally:
+        sys.setswitchinterval(usual)
+    assert told(health)[1]['sent'] == '80000'
