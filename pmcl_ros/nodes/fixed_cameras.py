@@ -162,8 +162,9 @@ class FixedCameras(StageNode):
                  if each in self._last}
         last = ''.join(f'; the last of {each} is {abs(later):.3f} s '
                        f'{"later" if later > 0 else "earlier"}' for each, later in after.items())
-        self.health.dropped += 1
-        self.health.warn(reason + last)
+        with self.health.lock:
+            self.health.dropped += 1
+            self.health.warn(reason + last)
         if line := self._lines(f'dropped set {stamp_ns}: {reason}'):
             self.get_logger().warning(line + last)
 

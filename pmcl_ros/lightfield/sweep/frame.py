@@ -2,7 +2,7 @@
 
 import logging
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal, NamedTuple, get_args
 
 import cv2
@@ -104,7 +104,7 @@ class Lens:
         return np.clip(seen, 0, 1, out=seen)
 
 
-@cache  # camera_info comes with each picture
+@lru_cache  # camera_info comes with each picture, of some cameras with other numbers each time
 def warn_distorted(camera: str, lens: Lens) -> None:
     """Warn, once, of a distortion that folds the picture of a camera, or leaves little of it."""
     if lens.folds:
