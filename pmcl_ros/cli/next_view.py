@@ -1,10 +1,12 @@
 """`pmcl next-view`: from where one more picture would make a pose surest."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
@@ -14,7 +16,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.pipeline import Pipeline
-from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, cap, next_views
+from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -48,7 +50,7 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')
-    plan = None if candidates is None else ViewPlan.load(candidates)
+    plan = None if candidates is None else ViewPlan.load(candidates)  # before the search
     (path,), load = objects_of(source.source, () if object_path is None else (object_path,),
                                object_id)
     settings = PmclSettings.make({'object': str(path), 'seed': seed} | region.settings(),
@@ -62,18 +64,23 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
     click.echo(run.estimate.describe(), err=True)
     if run.estimate.lost:
         raise SystemExit(3)
-    reference = run.source.views[0].header.frame_id
-    if plan is None:
-        cameras = cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
-                      degrees, count)
-    elif plan.frame and plan.frame != reference:
-        raise SettingsError(f'{candidates} is in frame {plan.frame!r}, the views are in '
-                            f'{reference!r}: change one')
-    else:
-        cameras = plan.cameras
-    showing = run.evidence.without(run.estimate.hidden)
-    found = next_views(showing, model, settings, run.estimate.pose, cameras,
-                       run.source.views[0].pinhole)
+    cameras = (cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
+                   degrees, count) if plan is None else
+               _planned(plan, str(candidates), run.source.views[0].header.frame_id))
+    found = next_views(run.evidence.without(run.estimate.hidden), model, settings,
+                       run.estimate.pose, cameras, run.source.views[0].pinhole)
+    _print(found, as_json)
+
+
+def _planned(plan: ViewPlan, name: str, reference: str) -> NDArray[np.float64]:
+    """The cameras (C, 4, 4) of a plan; SettingsError where it is in another frame."""
+    if plan.frame and plan.frame != reference:
+        raise SettingsError(f'{name} is in frame {plan.frame!r}, the views are in {reference!r}: '
+                            'change one')
+    return plan.cameras
+
+
+def _print(found: Sequence[NextView], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps({'sigma_now': found[0].now, 'views': [
             {'camera_to_reference': each.camera.ravel().tolist(), 'sigma': each.sigma}

@@ -10,11 +10,12 @@ from pmcl_ros.cli.base import FORCE, MODE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
-from pmcl_ros.evaluation.report.localization import localize
+from pmcl_ros.evaluation.report.localization import Localization, localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import pictures_alone
 from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 from pmcl_ros.runtime.resources import resolve
@@ -46,35 +47,26 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
     written = results_in(out.parent, force).path(out.name)
     path = source.source
     folder = path if path.is_dir() else path.parent
-    beside = folder / 'truth.json' if (folder / 'truth.json').is_file() else None
-    known = truth_path or beside
+    known = truth_path or _truth_beside(folder)
     truth = Truth.load(known) if known else None
     where = (region.settings() if region.is_placed or truth is None else
              {'roi_center': truth.roi_center, 'roi_size': truth.roi_size}
              | region.orientation)
-    if (object_path, object_id) != (None, None) and truth_path is None:
-        truth = None  # it is of the object in the picture, which may be another one
     if object_path is None and object_id is None:
-        object_path = _object(path, folder)
-    (object_path,), load = objects_of(
-        source.source, () if object_path is None else (object_path,), object_id)
+        object_path = _object_beside(path, folder)
+    elif truth_path is None:
+        truth = None  # it is of the object in the picture, which may be another one
+    (object_path,), load = objects_of(path, () if object_path is None else (object_path,),
+                                      object_id)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed}
                                  | where, '--roi, --depths, --table, --tilt, --up, --mode, --seed')
     model = load(object_path)
     alone = pictures_alone(path)
     if alone:
-        source, path = replace(source, source=alone[0]), alone[0]
-        STDERR.print(f'no camera poses: the report is of {path} alone', markup=False,
+        source = replace(source, source=alone[0])
+        STDERR.print(f'no camera poses: the report is of {source.source} alone', markup=False,
                      soft_wrap=True)
-    with Progress(console=STDERR, transient=True) as bar:
-        task = bar.add_task('reading', total=1.0)
-        opened = source.open()
-        settings, read = settled(settings, opened.read, model.radius)
-        run = localize(read, model, settings, lambda stage, part: bar.update(
-            task, description=stage, completed=part), str(path), opened.serial, truth,
-            opened.posed)
-        bar.update(task, description='page')
-        text = page(run)
+    run, text = _localized(source, model, settings, truth)
     try:
         written.write_text(text, encoding='utf-8')
     except OSError as error:
@@ -83,7 +75,26 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
     click.echo(out)
 
 
-def _object(source: Path, folder: Path) -> Path:
+def _localized(source: GivenSource, model: ObjectModel, settings: PmclSettings,
+               truth: Truth | None) -> tuple[Localization, str]:
+    """What was found, and the page about it, with a progress bar."""
+    with Progress(console=STDERR, transient=True) as bar:
+        task = bar.add_task('reading', total=1.0)
+        opened = source.open()
+        settings, read = settled(settings, opened.read, model.radius)
+        run = localize(read, model, settings, lambda stage, part: bar.update(
+            task, description=stage, completed=part), str(source.source), opened.serial, truth,
+            opened.posed)
+        bar.update(task, description='page')
+        return run, page(run)
+
+
+def _truth_beside(folder: Path) -> Path | None:
+    file = folder / 'truth.json'
+    return file if file.is_file() else None
+
+
+def _object_beside(source: Path, folder: Path) -> Path:
     for name in ('model.yaml', 'model.obj'):
         if (folder / name).is_file():
             return folder / name

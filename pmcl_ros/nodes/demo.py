@@ -131,11 +131,10 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
         executor.add_node(watcher)
         _say('starting lytro_driver, subaperture_node, dlv_node, pmcl_node; configure, activate')
         # The bag replaces the camera: the driver reads files, and is not triggered.
-        camera = {'lytro_driver:source': 'files',
-                  'lytro_driver:path': 'package://pmcl_ros/config/cameras'}
-        if simulate:
-            camera = {'lytro_driver:source': 'wifi',
-                      'lytro_driver:address': _simulate(stack, bag)}
+        camera = ({'lytro_driver:source': 'wifi',
+                   'lytro_driver:address': _simulate(stack, bag)} if simulate else
+                  {'lytro_driver:source': 'files',
+                   'lytro_driver:path': 'package://pmcl_ros/config/cameras'})
         processes = [_start(stack, 'pmcl_ros.nodes.bringup', '--processes', '--params-file',
                             str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
                             *_parameters(bag, truth, camera))]
@@ -149,12 +148,7 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
                 raise DemoError('a process of the chain has failed; its lines above say why')
 
         if simulate:
-            lifecycle = Lifecycle(watcher, executor, alive)
-            while lifecycle.state('lytro_driver', deadline) != State.PRIMARY_STATE_ACTIVE:
-                executor.spin_once(timeout_sec=0.2)
-            _say('the camera is triggered')
-            watcher.shutter.call_async(Trigger.Request()).add_done_callback(
-                lambda answer: _say(f'lytro_driver: {answer.result().message}'))
+            _trigger(watcher, executor, Lifecycle(watcher, executor, alive), deadline)
         while not watcher.complete:
             executor.spin_once(timeout_sec=0.1)
             alive()
@@ -164,6 +158,16 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
         assert watcher.pose is not None
         _report(watcher, watcher.pose, bag, truth.pose, results)
         _say('stopping the nodes')
+
+
+def _trigger(watcher: Watcher, executor: SingleThreadedExecutor, lifecycle: Lifecycle,
+             deadline: float) -> None:
+    """Call the service of the driver when it is active."""
+    while lifecycle.state('lytro_driver', deadline) != State.PRIMARY_STATE_ACTIVE:
+        executor.spin_once(timeout_sec=0.2)
+    _say('the camera is triggered')
+    watcher.shutter.call_async(Trigger.Request()).add_done_callback(
+        lambda answer: _say(f'lytro_driver: {answer.result().message}'))
 
 
 def _report(watcher: Watcher, found: PoseStamped, bag: Path, truth: NDArray[np.float64],

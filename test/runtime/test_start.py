@@ -136,7 +136,7 @@ def test_the_doctor_works_without_them():
 def test_where_nothing_is_missing_they_start_and_other_errors_are_raised():
     done = run('pmcl --version')
     assert (done.returncode, done.stdout.split()[-1]) == (0, version('pmcl_ros'))
-    done = run('pmcl localize --help', ('pmcl_ros.cli.localize', 'json'))
+    done = run('pmcl localize --help', ('pmcl_ros.cli.localization', 'json'))
     assert "No module named 'json'" in done.stderr
 
 
