@@ -11,6 +11,7 @@ import rclpy
 from harness import ROOT, User
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -28,6 +29,7 @@ from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from
+from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.runtime.shared_memory import VARIABLE
 
 
@@ -80,6 +82,25 @@ def parameters(truth, tmp_path_factory, camera_text):
         'pmcl_node': {'object': f'{ROOT}/models/wine_glass.obj',
                       'roi_center': region['center'], 'roi_size': region['size']},
     }
+
+
+@pytest.fixture
+def make_pmcl_node(parameters):
+    """A function changes -> a pmcl_node with these parameters."""
+    context = Context()
+    rclpy.init(context=context)
+    nodes = []
+
+    def make(**changes):
+        nodes.append(PmclNode(context=context, parameter_overrides=[
+            Parameter(name, value=value)
+            for name, value in (parameters['pmcl_node'] | changes).items()]))
+        return nodes[-1]
+
+    yield make
+    for each in nodes:
+        each.close()
+    rclpy.shutdown(context=context)
 
 
 @pytest.fixture(scope='session')

@@ -6,9 +6,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-import rclpy
 from generated_interfaces import importable
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
@@ -16,31 +14,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.pose import estimate_to_messages, estimate_to_transform
-from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
 
 # What tf2's listeners subscribe with, and who asks for what was sent before.
 VOLATILE, LATCHED = (QoSProfile(depth=100, durability=each) for each in (
     DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL))
-
-
-@pytest.fixture
-def make(parameters):
-    """A function changes -> a pmcl_node with these parameters."""
-    context = Context()
-    rclpy.init(context=context)
-    nodes = []
-
-    def make(**changes):
-        nodes.append(PmclNode(context=context, parameter_overrides=[
-            Parameter(name, value=value)
-            for name, value in (parameters['pmcl_node'] | changes).items()]))
-        return nodes[-1]
-
-    yield make
-    for each in nodes:
-        each.close()
-    rclpy.shutdown(context=context)
 
 
 @pytest.fixture
@@ -69,9 +47,9 @@ def tf_message(tmp_path_factory):
         yield TFMessage
 
 
-def test_without_tf2_msgs_the_node_says_what_to_install(make, monkeypatch, capfd):
+def test_without_tf2_msgs_the_node_says_what_to_install(make_pmcl_node, monkeypatch, capfd):
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)  # as if it were not installed
-    node = make(broadcast_tf=True)
+    node = make_pmcl_node(broadcast_tf=True)
     assert node.trigger_configure() == Result.FAILURE
     error = capfd.readouterr().err
     assert "parameter 'broadcast_tf' is true, but message type tf2_msgs/msg/TFMessage is" in error
@@ -83,9 +61,9 @@ def test_without_tf2_msgs_the_node_says_what_to_install(make, monkeypatch, capfd
 
 @pytest.mark.parametrize(('changes', 'child'), [({}, 'wine_glass'),
                                                 ({'object_frame': 'glass'}, 'glass')])
-def test_listeners_that_come_later_get_the_last_transform(make, user, tf_message, estimate,
-                                                          changes, child):
-    node = make(broadcast_tf=True, **changes)
+def test_listeners_that_come_later_get_the_last_transform(make_pmcl_node, user, tf_message,
+                                                          estimate, changes, child):
+    node = make_pmcl_node(broadcast_tf=True, **changes)
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     user.others.append(executor)

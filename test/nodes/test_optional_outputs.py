@@ -6,10 +6,8 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-import rclpy
 from optional_types import STORE, wired
 from pmcl_scenes import cup, model_of, pose_of
-from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
@@ -17,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.graph import OPTIONAL
-from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.pmcl_outputs import optional_outputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -25,33 +22,15 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 PACKAGES = {each.name: each.type.partition('/')[0] for each in OPTIONAL}
 
 
-@pytest.fixture
-def make(parameters):
-    """A function changes -> a pmcl_node with these parameters."""
-    context = Context()
-    rclpy.init(context=context)
-    nodes = []
-
-    def make(**changes):
-        nodes.append(PmclNode(context=context, parameter_overrides=[
-            Parameter(name, value=value)
-            for name, value in (parameters['pmcl_node'] | changes).items()]))
-        return nodes[-1]
-
-    yield make
-    for each in nodes:
-        each.close()
-    rclpy.shutdown(context=context)
-
-
 def published(node):
     return {each.topic_name.lstrip('/') for each in node.publishers} & {*PACKAGES}
 
 
-def test_missing_packages_are_told_only_where_they_were_asked_for(make, monkeypatch, capfd):
+def test_missing_packages_are_told_only_where_they_were_asked_for(make_pmcl_node, monkeypatch,
+                                                                  capfd):
     for package in PACKAGES.values():
         monkeypatch.setitem(sys.modules, package, None)  # as if it were not installed
-    node = make()
+    node = make_pmcl_node()
     for topic, package in PACKAGES.items():
         node.set_parameters([Parameter(topic, value='always')])
         assert node.trigger_configure() == Result.FAILURE
@@ -65,16 +44,16 @@ def test_missing_packages_are_told_only_where_they_were_asked_for(make, monkeypa
     assert 'is not installed' not in capfd.readouterr().err
 
 
-def test_what_is_never_wanted_is_not_published(make):
-    node = make(**dict.fromkeys(PACKAGES, 'never'))
+def test_what_is_never_wanted_is_not_published(make_pmcl_node):
+    node = make_pmcl_node(**dict.fromkeys(PACKAGES, 'never'))
     assert node.trigger_configure() == Result.SUCCESS
     assert not published(node)
 
 
 @pytest.mark.skipif(not all(map(find_spec, PACKAGES.values())),
                     reason='vision_msgs and moveit_msgs are part of a full ROS, not on PyPI')
-def test_what_is_installed_is_published(make):
-    node = make()
+def test_what_is_installed_is_published(make_pmcl_node):
+    node = make_pmcl_node()
     assert node.trigger_configure() == Result.SUCCESS
     assert published(node) == {*PACKAGES}
 
