@@ -40,9 +40,9 @@ def pinhole_from(message: CameraInfo) -> Pinhole:
 def baseline_from(message: CameraInfo) -> float:
     """Metres between adjacent views, from P[3] = -fx B and P[7] = -fy B, which must agree."""
     across, down = -message.p[3] / message.k[0], -message.p[7] / message.k[4]
-    if not (across > 0 and np.isclose(across, down, rtol=1e-6)):
+    if not np.isclose(across, down, rtol=1e-6):
         raise MessageError(f'views/camera_info: P[3] and P[7] say baselines of {across} m and '
-                           f'{down} m; expected -fx B and -fy B of one positive B')
+                           f'{down} m; expected -fx B and -fy B of one B')
     return float(across)
 
 

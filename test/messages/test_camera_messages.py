@@ -31,7 +31,8 @@ def picture():
 
 
 @pytest.mark.parametrize(('encoding', 'order'), [
-    ('rgb8', [0, 1, 2]), ('bgr8', [2, 1, 0]), ('rgba8', [0, 1, 2, 0]), ('bgra8', [2, 1, 0, 0])])
+    ('rgb8', [0, 1, 2]), ('bgr8', [2, 1, 0]), ('rgba8', [0, 1, 2, 0]), ('bgra8', [2, 1, 0, 0]),
+    ('8UC3', [2, 1, 0])])
 @pytest.mark.parametrize('padding', [0, 5])
 def test_colours(picture, encoding, order, padding):
     found = colours_from(image(encoding, picture[..., order], padding))
@@ -41,7 +42,7 @@ def test_colours(picture, encoding, order, padding):
 
 @pytest.mark.parametrize('big', [False, True])
 def test_sixteen_bits(picture, big):
-    deep = picture.astype(np.uint16) * 257
+    deep = picture.astype(np.uint16) * 256 + 7
     found = colours_from(image('bgr16', deep[..., ::-1], 2, big))
     assert found.dtype == np.uint16
     np.testing.assert_array_equal(found, deep)
@@ -118,13 +119,15 @@ def test_lenses():
     fisheye = lens_from(info(d=[0.1, 0.0, 0.0, 0.0], distortion_model='equidistant'), False)
     assert fisheye.model == 'equidistant'
     whole = RegionOfInterest(width=64, height=48)
-    assert lens_from(info(roi=whole), False) == lens
+    assert lens_from(info(roi=whole, binning_x=1, binning_y=1), False) == lens  # as 0 says
 
 
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'k': [0.0] * 9}, 'calibrate the camera'),
-    ({'binning_x': 2}, 'send whole images'),
-    ({'roi': RegionOfInterest(x_offset=3, width=10, height=10)}, 'send whole images'),
+    ({'binning_x': 2}, 'send whole images'), ({'binning_y': 2}, 'send whole images'),
+    ({'roi': RegionOfInterest(x_offset=3)}, 'send whole images'),
+    ({'roi': RegionOfInterest(y_offset=3)}, 'send whole images'),
+    ({'roi': RegionOfInterest(width=64, height=10)}, 'send whole images'),
     ({'distortion_model': 'fov'}, "'fov' is not known"),
     ({'width': 0}, 'impossible camera'),
 ])

@@ -368,6 +368,7 @@ def _set(messages, name, field, value):
 
 @pytest.mark.parametrize(('name', 'field', 'value', 'reason'), [
     ('camera_info', 'p', (3, 5.0), 'P.3. and P.7.'),
+    ('camera_info', 'p', (7, 5.0), 'P.3. and P.7.'),
     ('camera_info', 'p', (0, 5.0), 'rectified'),
     ('camera_info', 'd', (0, 0.1), 'rectified'),
     ('camera_info', 'k', (0, 0.0), 'focal lengths must be positive'),
@@ -392,9 +393,11 @@ def test_impossible_pupil_is_refused(light_field, value):
 
 
 @pytest.mark.parametrize('name', ['camera_info', 'pupil'])
-def test_views_with_a_companion_of_another_capture_are_refused(light_field, name):
+@pytest.mark.parametrize('other', [replace(HEADER, stamp_ns=HEADER.stamp_ns + 1),
+                                   replace(HEADER, frame_id='another')], ids=['stamp', 'frame'])
+def test_views_with_a_companion_of_another_capture_are_refused(light_field, name, other):
     messages = light_field_to_messages(light_field)
-    getattr(messages, name).header.stamp.nanosec += 1
+    getattr(messages, name).header = header_to_message(other)
     with pytest.raises(MessageError, match=f'views/{name}.*share stamp'):
         light_field_from(*messages)
 
@@ -549,8 +552,9 @@ def test_broken_poses_are_refused(estimate):
     messages.with_covariance.pose.covariance[1] = 1e9
     with pytest.raises(MessageError, match='symmetric'):
         pose_with_covariance_from(messages.with_covariance)
-    messages.with_covariance.pose.covariance[:] = array('d', [-1.0] * 36)
-    with pytest.raises(MessageError, match='a variance of -6 along one direction'):
+    messages.with_covariance.pose.covariance[:] = array(
+        'd', np.diag([1, 1, 1, 1, 1, -1e-6]).ravel())
+    with pytest.raises(MessageError, match='a variance of -1e-06 along one direction'):
         pose_with_covariance_from(messages.with_covariance)
 
 

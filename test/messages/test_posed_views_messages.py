@@ -66,9 +66,12 @@ def test_a_picture_of_another_pinhole_is_resampled_to_that_of_the_first():
     (lambda m: m._replace(poses=type(m.poses)(header=m.poses.header, poses=m.poses.poses[:2])),
      '2 poses .* of 40x30 px .* make 40x60 and 2 rows'),
     (lambda m: m._replace(sigma=m.views), "sigma: encoding is 'rgb16', expected '32FC5'"),
-    (lambda m: m._replace(camera_info=posed_views_to_messages(views(2)).camera_info),
-     'posed_views/camera_info is of .* expected'),
-], ids=['none', 'too few', 'no sigmas', 'another capture'])
+    (lambda m: m._replace(sigma=posed_views_to_messages(PosedViews(2 * views().views)).sigma),
+     'with 6 rows of posed_views/sigma; 3 poses'),
+    *[(lambda m, name=name: m._replace(
+        **{name: getattr(posed_views_to_messages(views(2)), name)}),
+       f'posed_views/{name} is of .* expected') for name in ('camera_info', 'poses', 'sigma')],
+])
 def test_what_does_not_fit_together_is_refused_in_one_line(change, message):
     with pytest.raises(MessageError, match=message) as caught:
         posed_views_from(*change(posed_views_to_messages(views())))
