@@ -54,6 +54,14 @@ def test_a_crop_sees_the_same_in_its_own_pixels(point, left, top):
 
 
 @settings(deadline=None)
+@given(POINTS, st.integers(1, 50))
+def test_every_so_manyth_pixel_sees_what_it_saw(point, step):
+    fewer = PINHOLE.subsample(step)
+    assert (fewer.width, fewer.height) == (len(range(0, 40, step)), len(range(0, 30, step)))
+    np.testing.assert_allclose(step * fewer.project(point), PINHOLE.project(point), atol=1e-9)
+
+
+@settings(deadline=None)
 @given(POINTS, st.integers(1, 200), st.integers(1, 200))
 def test_other_pixels_see_the_same_part_of_the_image(point, width, height):
     resized = PINHOLE.resized(width, height)

@@ -44,12 +44,26 @@ def test_a_pose_that_will_not_come_is_refused():
         buffer.interpolated(5 * SECOND, 0.2)
     with pytest.raises(PoseUnavailableError, match=r'are 1\.000 s apart, at most 0\.2 s'):
         buffer.interpolated(10 * SECOND + 1, 0.2)
+    assert buffer.interpolated(10 * SECOND + 1, 1).speed == pytest.approx(1)  # 1 s is allowed
     assert buffer.interpolated(11 * SECOND + 1, 0.2) is None
     # a pose of that very stamp needs no other; poses far from it give no speed
     assert buffer.interpolated(11 * SECOND, 0.2).pose[0, 3] == 1
     assert buffer.interpolated(11 * SECOND, 0.2).speed == 0
     buffer.add(11 * SECOND + SECOND // 10, pose_at(1.1))
     assert buffer.interpolated(11 * SECOND, 0.2).speed == pytest.approx(1)
+    assert buffer.interpolated(11 * SECOND + SECOND // 10, 0.2).speed == pytest.approx(1)
+    buffer.add(11 * SECOND, pose_at(7))  # the newer one of a stamp counts
+    assert buffer.interpolated(11 * SECOND, 0.2).pose[0, 3] == 7
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_where_an_arm_starts_or_stops_it_moves(order):
+    buffer = PoseBuffer()
+    ways = [pose_at(0), pose_at(0), pose_at(0.1, turn=(0, 0, 5))]
+    for tenth, pose in enumerate(ways[::order]):
+        buffer.add(tenth * SECOND // 10, pose)
+    moving = buffer.interpolated(SECOND // 10, 0.2)
+    assert (moving.speed, moving.angular_speed) == pytest.approx((1, np.deg2rad(50)))
 
 
 def test_old_poses_and_those_of_another_clock_are_forgotten():

@@ -38,13 +38,20 @@ def test_beyond_a_limit_no_distance_is_told():
     assert surface.moved_by(aside, 0.019) == np.inf
 
 
+def uneven():
+    mesh = prism(64)
+    return mesh.subdivide(face_index=np.flatnonzero(mesh.triangles_center @ [1, 0, 1] > 0))
+
+
 @pytest.mark.parametrize(('mesh', 'is_round', 'told'), [
     (prism(6), False, ''), (prism(8), False, ''), (prism(9), False, ''),
     (prism(12), True, 'turned about z its surface is 1.4 mm off itself'), (prism(16), True, ''),
     (prism(32), True, ''), (ellipse(0.1), False, ''),
     (ellipse(0.03), True, 'turned about z its surface is 1.2 mm off itself'),
-    (ellipse(0.015), True, '')], ids=[
-    'hexagon', 'octagon', '9', '12', '16', '32', 'ellipse', 'oval', 'nearly a circle'])
+    (ellipse(0.015), True, ''), (uneven(), True, ''),
+    (trimesh.creation.cylinder(0.004, 0.18, sections=6), True, 'is 0.5 mm off')], ids=[
+    'hexagon', 'octagon', '9', '12', '16', '32', 'ellipse', 'oval', 'nearly a circle',
+    'uneven faces', 'pencil'])
 def test_what_is_turned_off_itself_has_no_axis(caplog, mesh, is_round, told):
     """About z, and about any axis: the principal ones are tried then."""
     oblique = rotations_about(np.array([0.6, 0, 0.8]), np.array([1.1]))[0]

@@ -89,8 +89,10 @@ def test_a_spin_about_the_axis_counts_for_nothing():
     covariance = spread()
     spun = covariance.copy()
     spun[3:, 3:] += np.pi ** 2 / 3 * np.outer(axis, axis)
-    np.testing.assert_allclose(remove_spin(spun, axis), remove_spin(covariance, axis),
-                               atol=1e-15)
+    rest = remove_spin(covariance, axis)
+    np.testing.assert_allclose(remove_spin(spun, axis), rest, atol=1e-15)
+    np.testing.assert_allclose(rest, rest.T, atol=1e-15)
+    np.testing.assert_allclose(rest[:, 3:] @ axis, 0, atol=1e-15)
 
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda each: np.linalg.norm(each) > 1e-3)

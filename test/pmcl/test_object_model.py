@@ -339,9 +339,12 @@ def test_any_axis_through_the_origin_is_found(tmp_path, caplog):
         axis = ObjectModel.load(save(mesh, tmp_path)).axis
         assert abs(axis @ expected) / np.linalg.norm(expected) > 0.9999
     assert not [each for each in caplog.records if each.levelname == 'WARNING']
-    mesh.apply_translation([0.05, 0, 0])
+    aside = 0.05 * np.cross(axis, [1, 0, 0]) / np.linalg.norm(np.cross(axis, [1, 0, 0]))
+    mesh.apply_translation(aside)
     assert ObjectModel.load(save(mesh, tmp_path)).axis is None
-    assert 'beside the origin, so that poses which look the same count as others' in caplog.text
+    place = re.search(r'0\.05 m beside the origin, so that poses which look the same count as '
+                      r'others .* to \[(.*), (.*), (.*)\] in metres', caplog.text).groups()
+    np.testing.assert_allclose(np.array(place, float), aside, atol=2e-4)
 
 
 @pytest.mark.parametrize(('change', 'told'), [
