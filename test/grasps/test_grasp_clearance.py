@@ -15,6 +15,7 @@ from pmcl_ros.grasps.clearance import (
     rectangle_probability,
     surface_points,
 )
+from pmcl_ros.grasps.grasp import Grasp
 from pmcl_ros.grasps.settings import GripperSettings
 
 FETCH = GripperSettings()
@@ -89,6 +90,40 @@ def test_a_gripper_clears_a_glass_as_often_as_told(made, vessels, rooms, mesh_of
     assert 0.5 < share < 0.98
     assert told < share + 3 * noise  # never surer than it is
     assert told > share - 3 * noise - 0.02
+
+
+def test_no_shift_in_a_rectangle_meets_a_point():
+    """Of a wall between the fingers, and pegs anywhere about it."""
+    rng, grasp, tried = np.random.default_rng(5), Grasp('', 'other', np.eye(4), 0.04, 0.1), 0
+    for _ in range(100):
+        points = np.concatenate([rng.uniform([0, -.02, -.05], [.1, .02, .05], (30, 3)),
+                                 rng.uniform([-.03, -.12, -.07], [.1, .12, .07], (4, 3))])
+        room = Clearance.from_points(grasp, points, FETCH)
+        strip, rectangle = np.nonzero((room.low < room.high).all(axis=-1))
+        low, high = (
+            np.concatenate([each[strip, rectangle][:, ::-1], ends[:, None]], axis=1)
+            for each, ends in zip((room.low, room.high), room.strips[strip].T, strict=True))
+        shifts = low + 0.999 * rng.random(low.shape) * (high - low)
+        assert physically_clear(grasp, points, shifts, 0 * shifts, np.zeros(3)).all()
+        tried += len(shifts)
+        mirrored = Clearance.from_points(grasp, points * [1, -1, 1], FETCH)
+        np.testing.assert_allclose(mirrored.low, np.stack(
+            [-room.high[..., 0], room.low[..., 1]], axis=-1), atol=1e-12)
+        np.testing.assert_allclose(mirrored.high[..., 1], room.high[..., 1], atol=1e-12)
+    assert tried > 1000
+
+
+def test_the_probability_is_the_share_of_shifts_in_the_rectangles():
+    edges, rng = np.linspace(-.03, .03, 41), np.random.default_rng(6)
+    aside = edges[:-1, None, None] * [0.5, -1]  # along y and x: with the shift along z
+    low, high = np.array([[-.004, -.007], [.006, .003]])
+    room = Clearance(np.stack([edges[:-1], edges[1:]], axis=1), aside + low, aside + high)
+    covariance = 2e-5 * np.array([[1, .3, -.4], [.3, .6, .5], [-.4, .5, 2]])
+    x, y, z = rng.multivariate_normal(np.zeros(3), covariance, size=400_000).T
+    strip = np.digitize(z, edges) - 1
+    off = np.stack([y, x], axis=1) - aside[strip.clip(0, 39), 0]
+    share = ((abs(z) < .03) & ((low < off) & (off < high)).all(axis=1)).mean()
+    assert room.probability(covariance) == pytest.approx(share, abs=0.003)
 
 
 def test_less_sure_poses_are_less_surely_clear(rooms):

@@ -91,6 +91,8 @@ def test_the_fingers_close_where_the_pose_is_sure(vessels, made):
     assert abs(best.pose[1, 1]) > 0.8
     worst = rank(transform((0.6, 0.0, 0.55)), unsure).candidates[-1]
     assert abs(worst.pose[1, 1]) < 0.5
+    for each in rank(transform((0.6, 0.0, 0.55)), unsure).candidates:  # z outwards, from above
+        assert each.pose[:3, 2] @ (each.pose[:3, 3] - SETTINGS.shoulder) > -1e-9
     assert worst.probability < best.probability - 0.05
 
 
@@ -107,6 +109,28 @@ def test_a_pose_that_is_too_unsure_gets_no_grasp(ranker):
                                rank(transform(PLACE), SURE).candidates} | {'none'})
 
 
+def test_errors_of_the_arm_are_those_of_the_position(ranker):
+    of_arm, of_pose = (
+        ranker(arm_sigma=sigma, least_probability=0).rank(transform(PLACE), SURE + np.diag(
+            [0.004 ** 2 - sigma ** 2] * 3 + [0] * 3)) for sigma in (0.004, 0))
+    np.testing.assert_allclose([each.probability for each in of_arm.candidates],
+                               [each.probability for each in of_pose.candidates], atol=1e-12)
+
+
+@pytest.mark.parametrize('limit', ['reach', 'nearest'])
+def test_exactly_those_within_reach_on_all_their_way_are_kept(ranker, limit):
+    free, distances = {'reach': 9, 'nearest': 0, 'most': 1000, 'support': False}, []
+    for each in ranker(**free).rank(transform(PLACE), SURE).candidates:
+        on_way = np.stack([each.pose, each.before(SETTINGS.approach)])
+        wrist = (on_way @ FETCH.parent_pose)[:, :3, 3] - SETTINGS.wrist * on_way[:, :3, 0]
+        distances.append(np.linalg.norm(wrist - SETTINGS.shoulder, axis=1))
+    off = np.max(distances, axis=1) if limit == 'reach' else -np.min(distances, axis=1)
+    count = 20 + int(np.diff(np.sort(off)[19:60]).argmax())  # some are equal
+    bound = abs(float(np.sort(off)[count - 1:count + 1].mean()))
+    kept = ranker(**free | {limit: bound}).rank(transform(PLACE), SURE).candidates
+    assert len(kept) == count
+
+
 def test_what_is_out_of_reach_is_refused(ranker):
     for place, nearest in (((2.0, 0, 0.7), 0.25), ((0.4, 0, 0.75), 0.75)):
         ranking = ranker(support=False, nearest=nearest).rank(
@@ -115,16 +139,17 @@ def test_what_is_out_of_reach_is_refused(ranker):
         assert 'out of reach' in ranking.describe()
 
 
-def test_the_gripper_stays_above_what_the_object_stands_on(ranker):
-    pose = transform(PLACE)
-    free = ranker('cup', most=1000, support=False).rank(pose, SURE)
-    standing = ranker(most=1000).rank(pose, SURE)
-    low = {each.grasp.name for each in free.candidates} - {
-        each.grasp.name for each in standing.candidates}
+@pytest.mark.parametrize('tilt', [0.0, -0.2])
+def test_the_gripper_stays_above_what_the_object_stands_on(vessels, ranker, tilt):
+    pose = transform(PLACE, (0, tilt, 0))  # tilted, approaches from the side rise
+    ground = (vessels['cup'].vertices @ pose[:3, :3].T + pose[:3, 3])[:, 2].min()
+    free = ranker('cup', most=1000, support=False).rank(pose, SURE).candidates
+    standing = ranker(most=1000).rank(pose, SURE).candidates
+    low = {each.grasp.name for each in free} - {each.grasp.name for each in standing}
     assert {'side_13mm', 'side_26mm'} <= low
-    for each in standing.candidates:
-        corners = FETCH.corners(each.grasp.opening).reshape(-1, 3)
-        assert (corners @ each.pose[2, :3]).min() + each.pose[2, 3] >= PLACE[2]
+    heights = [min((FETCH.corners(each.grasp.opening) @ on_way[2, :3]).min() + on_way[2, 3]
+                   for on_way in (each.pose, each.before(SETTINGS.approach))) for each in free]
+    assert len(standing) == (np.array(heights) >= ground + SETTINGS.support_margin).sum()
 
 
 def test_upside_down_the_other_end_is_grasped(ranker):

@@ -139,9 +139,8 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     assert len(poses) == len(expected) > 10
     parent = np.stack([each.pose for each in expected]) @ gripper.parent_pose
     details = np.reshape(found['grasps/details'].data, (-1, 4))
-    np.testing.assert_allclose(details[:, 0], [each.score for each in expected], atol=1e-5)
-    np.testing.assert_allclose(details[:, 2:], [[each.grasp.width, each.grasp.opening]
-                                                for each in expected], atol=1e-5)
+    np.testing.assert_allclose(details, [[each.score, each.probability, each.grasp.width,
+                                          each.grasp.opening] for each in expected], atol=1e-5)
     rows, columns = found['grasps/details'].layout.dim
     assert (rows.label, rows.size) == (f'grasps;stamp={STAMP}', len(poses))
     assert columns.label == 'score,probability,width,opening'
@@ -169,6 +168,12 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     drawn = pose_from(PoseStamped(header=first.header, pose=first.pose))[1]
     np.testing.assert_allclose(drawn, fingers, atol=1e-6)
     assert len(first.points) == 3 * 24
+    assert min(abs(each.y) for each in first.points) == pytest.approx(details[0, 3] / 2)
+    assert (first.color.r, first.color.g) == pytest.approx(
+        (1 - details[0, 1], details[0, 1]), abs=1e-6)
+    way = np.array([[each.x, each.y, each.z] for each in arrow.points])
+    np.testing.assert_allclose(way, [fingers[:3, 3] - 0.1 * fingers[:3, 0], fingers[:3, 3]],
+                               atol=1e-6)
     user.wait(lambda: any(each.status[0].name == 'grasp_node'
                           and each.status[0].level == DiagnosticStatus.OK
                           and 'best side' in each.status[0].message for each in states), 'health')
