@@ -7,6 +7,7 @@ from pmcl_scenes import pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import local, retract, transform
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 
 
@@ -57,3 +58,18 @@ def test_a_line_for_people(numbers, word, why):
     assert line.startswith(f'{word} at (0.1000, -0.0200, 0.5000) m, ')
     assert line.endswith(f'score 123, standard deviation (1.0, 2.0, 3.0) mm{why}')
     assert replace(make(), **numbers).as_dict().get('why_lost', '') == why.removeprefix('; ')
+
+
+def test_it_is_the_same_in_another_frame_and_moves_as_a_whole():
+    camera = transform((1, 2, 3), (0.3, -1, 0.4))
+    root = 0.3 * np.random.default_rng(0).normal(size=(6, 6))
+    given = replace(make(), covariance=root @ root.T, particles=retract(make().pose, root))
+    found = given.in_frame(camera)
+    np.testing.assert_allclose(found.pose, camera @ given.pose)
+    np.testing.assert_allclose(found.modes[0].pose, camera @ given.modes[0].pose)
+    np.testing.assert_allclose(found.particles, [camera @ each for each in given.particles])
+    there = local(camera @ retract(given.pose, np.eye(6)), found.pose)  # (6, 6) of each axis
+    np.testing.assert_allclose(found.covariance, there.T @ given.covariance @ there)
+    moved = given.moved(root[0])
+    for one, other in ((moved.pose, given.pose), (moved.particles[3], given.particles[3])):
+        np.testing.assert_allclose(local(one[None], other)[0], root[0], atol=1e-12)
