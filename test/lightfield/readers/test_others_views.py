@@ -357,6 +357,20 @@ def test_a_picture_of_a_scene_needs_no_other(tmp_path):
         read_source(folder)
 
 
+def test_pictures_of_a_scene_come_by_their_numbers_each_with_a_whole_pose(tmp_path):
+    path = bop(tmp_path) / 'scene_camera.json'
+    (tmp_path / 'rgb' / '000001.png').rename(tmp_path / 'rgb' / '000010.png')
+    cameras = json.loads(path.read_text())
+    cameras['10'] = cameras.pop('1')
+    path.write_text(json.dumps(cameras, sort_keys=True))  # 0, 10, 2
+    assert [each.name for each in read_source(tmp_path).views] == [
+        f'rgb/{number:06d}.png' for number in (0, 2, 10)]
+    del cameras['10']['cam_t_w2c']
+    path.write_text(json.dumps(cameras))
+    with pytest.raises(LightFieldError, match=r'picture 10 needs .* with cam_t_w2c'):
+        read_source(tmp_path)
+
+
 def test_too_many_pictures_are_refused_before_they_are_read(tmp_path):
     own(tmp_path)
     path = tmp_path / 'views.yaml'
@@ -366,6 +380,10 @@ def test_too_many_pictures_are_refused_before_they_are_read(tmp_path):
     with pytest.raises(LightFieldError, match=r'its 3 pictures have up to 300\.0 million '
                        r'pixels, at most 33\.6 are read, and need 10300 MiB, at most 768: '
                        '.*--shrink 4.* fewer'):
+        read_source(path)
+    values['cameras']['one'] |= {'width': 5000, 'height': 5000}  # 12 % too many bytes
+    path.write_text(yaml.safe_dump(values))
+    with pytest.raises(LightFieldError, match=r'need 858 MiB, at most 768: .*--shrink 2'):
         read_source(path)
 
 

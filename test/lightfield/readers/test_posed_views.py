@@ -7,13 +7,15 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.lightfield.readers.posed_views import ViewsFile, views_of
+from pmcl_ros.lightfield.readers.posed_views import ViewsFile, views_of, views_of_sweep
 from pmcl_ros.lightfield.readers.read import (
     has_posed_views,
     is_light_field,
@@ -276,9 +278,11 @@ def test_a_copy_of_a_picture_with_the_same_pose_is_refused(tmp_path):
     here = np.eye(4)
     posed = [view(file=name, camera_to_reference=here.tolist())['views'][0]
              for name in ('one.png', 'copy.png')]
-    changed(folder, views=posed)
-    with pytest.raises(LightFieldError, match=r'one.png and copy.png are one picture with one po'):
-        read_source(folder)
+    for here[0, 1] in (0.0, -0.0):
+        posed[1]['camera_to_reference'] = here.tolist()
+        changed(folder, views=posed)
+        with pytest.raises(LightFieldError, match=r'one.png and copy.png are one picture with on'):
+            read_source(folder)
     here[0, 3] = 1e-6
     posed[1]['camera_to_reference'] = here.tolist()
     changed(folder, views=posed)
@@ -288,6 +292,28 @@ def test_a_copy_of_a_picture_with_the_same_pose_is_refused(tmp_path):
     posed[1] = posed[0] | {'file': 'copy.png'}
     changed(folder, views=posed)
     assert len(read_source(folder).views) == 2
+
+
+def test_a_sweep_that_is_no_grid_gives_the_views_that_it_lists(tmp_path):
+    camera = {'fx': 150.0, 'fy': 153.0, 'cx': 79.0, 'cy': 71.0, 'distortion': [-0.1, 0, 0, 0]}
+    names, places = ('a.png', 'b.png'), np.array([[0, 0, 0], [0.1, 0.2, 0.3]])
+    for number, name in enumerate(names):
+        values = np.random.default_rng(number).random((140, 160, 3))
+        cv2.imwrite(str(tmp_path / name), whole(values, 255, np.uint8))
+    (tmp_path / 'sweep.yaml').write_text(yaml.safe_dump({
+        'camera': camera, 'gamma': 1.0, 'shrink': 2, 'frames': [
+            {'file': name, 'position': place, 'orientation': [0, 0.6, 0, 0.8]}
+            for name, place in zip(names, places.tolist(), strict=True)]}))
+    found = views_of_sweep(tmp_path / 'sweep.yaml', Reduction(1, 2))
+    poses = pose_of(Rotation.from_quat([[0, 0.6, 0, 0.8]] * 2), places)
+    expected = views_of(ViewsFile.make({
+        'cameras': {'one': camera | {'width': 160, 'height': 140, 'gamma': 1.0}}, 'views': [
+            {'file': name, 'camera': 'one', 'camera_to_reference': pose.ravel().tolist()}
+            for name, pose in zip(names, poses, strict=True)]}, ''), tmp_path, '', Reduction(1, 4))
+    for one, other in zip(found, expected, strict=True):
+        assert (one.header.frame_id, one.pinhole) == ('sweep', other.pinhole)
+        np.testing.assert_array_equal(one.picture, other.picture)
+        np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-12)
 
 
 def test_a_picture_that_is_too_small_is_named(tmp_path):
