@@ -11,12 +11,14 @@ from itertools import combinations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.posed_view import PosedView
 
 _PRIOR = 0.002, 0.007  # m, rad: how far reported poses are off, of each axis: two of a good arm's
+_UNLIKELY = 0.01  # probability that they are farther off: matches of a pattern that repeats
 _FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fraction of a pixel
 _FEATURES = 1500  # of a picture
 _LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the size
@@ -56,9 +58,9 @@ class CameraAdjustment:
 def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures.
 
-    None where too few matches link the views, or no poses fit them within `_NOISE`. Reported poses
-    are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
-    `_NOISE`, with Cauchy's tails.
+    None where too few matches link the views, or no likely poses fit them within `_NOISE`.
+    Reported poses are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off
+    its line by `_NOISE`, with Cauchy's tails.
     """
     reported = np.array([each.camera_to_reference for each in views])
     matches = _Matches.between(views, reported)
@@ -84,7 +86,7 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     cameras = moved(unit)
     before, after = (float(np.median(np.abs(matches.distances(each))))
                      for each in (reported, cameras))
-    if after > _NOISE:
+    if after > _NOISE or unit @ unit > chdtri(6 * (number - 1), _UNLIKELY):
         return None
     covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))

@@ -58,6 +58,13 @@ def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
     assert off['found'] < 0.4 * off['told']
 
 
+def test_motions_that_are_unlikely_of_reported_poses_are_not_made():
+    turns = 0.014 * np.array([[1, 1, 1], [-1, -1, -1], [1, 1, 1], [-1, -1, -1]])  # two sigma each
+    told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)),
+                             np.concatenate([np.zeros((4, 3)), turns], axis=1))
+    assert adjust_cameras(views_of_planes(CAMERAS, told)) is None
+
+
 def test_a_large_picture_is_reduced_with_its_camera():
     views = []
     for view in views_of_planes(CAMERAS):

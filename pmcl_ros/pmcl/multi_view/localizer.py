@@ -130,9 +130,10 @@ class MultiViewLocalizer(Closing):
             modes = np.stack([each.pose for each in sample.modes])
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
+            moved = float(np.square(posterior.nuisances_near(estimate.pose)[:-1]).sum())
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
-                      first @ modes, shown)
+                      first @ modes, shown, moved)
 
     def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import adjust_cameras
@@ -18,9 +19,11 @@ from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 _LOG = logging.getLogger(__name__)
 _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigma_mm and '
            'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
+_OF_MESH = 'check the size of the mesh, and whether it has holes'
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
-_SAME = 1e-9  # m: poses that are equal
+_UNLIKELY = 0.01  # probability of larger motions of such cameras: then it is not they
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
+_SAME = 1e-9  # m: poses that are equal
 
 
 @dataclass(frozen=True)
@@ -28,13 +31,15 @@ class Found:
     """What a search found.
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show a lost object (`shown_in`).
+    reference frame. shown: views that show a lost object (`shown_in`). moved: square sum of how
+    far the cameras' poses were corrected, in their standard deviations.
     """
 
     estimate: PoseEstimate
     fits: Sequence[ViewFit]
     modes: NDArray[np.float64]
     shown: tuple[int, ...]
+    moved: float
 
 
 _Search = Callable[[ViewsEvidence], Found]
@@ -109,15 +114,17 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
 
 def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
                  ) -> tuple[Found, ViewsEvidence] | None:
-    """Found with camera poses that fit the surroundings, if those reported do not."""
+    """Found with other camera poses, if those reported count as exact: seldom are they."""
     if not evidence.are_exact or len(evidence.views) < 2:
         return None
+    return _adjusted(evidence, search) or _uncertain(evidence, lost, search)
+
+
+def _adjusted(evidence: ViewsEvidence, search: _Search) -> tuple[Found, ViewsEvidence] | None:
+    """Found with camera poses that fit the surroundings, if those reported do not."""
     pictures = evidence.pictures
     adjusted = None if pictures is None else adjust_cameras(pictures.views)
-    if adjusted is None:
-        _tell_if_off(evidence, lost, search)
-        return None
-    if not adjusted.is_needed:
+    if adjusted is None or not adjusted.is_needed:
         return None
     fitting = replace(evidence, errors=adjusted.root, views=tuple(
         replace(each, camera_to_reference=camera)
@@ -134,26 +141,31 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
     return found, fitting
 
 
-def _tell_if_off(evidence: ViewsEvidence, lost: Found, search: _Search) -> None:
-    """Say whether cameras that are a little off would find a contour of which parts are missing.
+def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
+               ) -> tuple[Found, ViewsEvidence] | None:
+    """Found with camera poses that are a little off, where parts of a contour are missing.
 
-    A mesh that is off by as much looks the same, and the finer the pixels, the less may be off.
-
-    The object stays lost: such cameras fit what is not the object more easily, too.
+    A mesh that is off by as much looks the same.
     """
     if not lost.estimate.incomplete or _is_one_camera(evidence):
-        return
+        return None
     loose = replace(evidence, views=tuple(
         replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
-    if search(loose).estimate.lost:
-        return
+    found = search(loose)
+    if found.estimate.lost:
+        return None
     position, rotation = _OFF
-    away = np.median([np.linalg.norm(each.camera_to_reference[:3, 3]
-                                     - lost.estimate.pose[:3, 3]) for each in evidence.views])
-    finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
-    _LOG.warning('lost with camera poses that are exact, found if they are off by %.1f mm and '
-                 '%.1f degrees, or the mesh by %.1f mm: '
-                 f'{_ADVICE}; check the size of the mesh, and whether it has holes%s',
-                 1e3 * position, np.rad2deg(rotation), 1e3 * np.hypot(position, rotation * away),
-                 f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
-                 else '')
+    away = np.median([np.linalg.norm(each.camera_to_reference[:3, 3] - found.estimate.pose[:3, 3])
+                      for each in evidence.views])
+    off = (f'{1e3 * position:.1f} mm and {np.rad2deg(rotation):.1f} degrees, or the mesh by '
+           f'{1e3 * np.hypot(position, rotation * away):.1f} mm')
+    if found.moved > chdtri(6 * (len(found.fits) - 1), _UNLIKELY):  # six more are the pose's
+        finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
+        smaller = (f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
+                   else '')
+        _LOG.warning('lost with camera poses that are exact, found if they are off by more than '
+                     '%s: %s; %s%s', off, _ADVICE, _OF_MESH, smaller)
+        return None
+    _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
+                 off, _ADVICE, _OF_MESH)
+    return found, loose

@@ -418,9 +418,23 @@ def test_a_mesh_of_another_size_is_told_beside_cameras_that_are_off(context, cap
     fine = CAMERA.resized(3 * CAMERA.width, 3 * CAMERA.height)
     evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 20]), fine)
     larger = model_of(cup().apply_scale(1.03), [0, 0, 1])
-    assert found(larger, evidence).lost
-    assert 'found if they are off by 1.0 mm and 0.2 degrees, or the mesh by' in caplog.text
+    assert found(larger, evidence).lost  # no good arm is off by so much
+    assert 'found if they are off by more than 1.0 mm and 0.2 degrees, or the mesh' in caplog.text
     assert f'(--shrink {round(fine.fx / 600)})' in caplog.text
+
+
+def test_cameras_that_are_a_little_off_are_allowed_for_where_it_is_lost(context, caplog):
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    errors = np.random.default_rng(1).normal(size=(3, 6)) * np.repeat([0.0006, 0.002], 3)
+    told = cameras @ retract(np.tile(np.eye(4), (3, 1, 1)), errors)
+    evidence = maps_seen(context, CUP, truth, cameras)
+    evidence = replace(evidence, views=tuple(
+        replace(each, camera_to_reference=pose)
+        for each, pose in zip(evidence.views, told, strict=True)))
+    estimate = found(CUP, evidence)
+    assert 'found with camera poses that may be off by 1.0 mm and 0.2 degrees' in caplog.text
+    assert not estimate.lost
+    assert CUP.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
 
 
 def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
