@@ -14,17 +14,24 @@ class Eliminated:
     """Nuisances that fit best, as a function of the pose.
 
     For a tangent vector x (d,) of the pose they change by step (k + 1,) - follow (k + 1, d) x.
-    evidence: of the present ones, by their prior [nat]. scale: as of `Nuisances`.
+    evidence: of the present ones, by their prior [nat]. scale: as of `Nuisances`. inverse:
+    (k + 1, k + 1) of their information, for a known pose.
     """
 
     step: NDArray[np.float64]
     follow: NDArray[np.float64]
     evidence: float
     scale: float
+    inverse: NDArray[np.float64]
 
     def after(self, step: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k + 1,) by which they change when the pose moves by a tangent vector (d,)."""
         return self.step - self.follow @ step
+
+    def covariance(self, information: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k + 1, k + 1) of the nuisances, whatever the pose. information: (d, d) of the pose."""
+        of_pose = self.follow @ np.linalg.solve(information, self.follow.T)
+        return np.asarray((self.inverse + of_pose) / self.scale)
 
 
 @dataclass(frozen=True)
@@ -71,4 +78,4 @@ class Nuisances:
         back = whole @ inverse @ self.values / self.scale / len(made)
         made = [replace(each, gradient=each.gradient + back) for each in made]
         evidence = -float(self.values @ self.values) / (2 * self.scale)
-        return Eliminated(step, follow, evidence, self.scale), made
+        return Eliminated(step, follow, evidence, self.scale, inverse), made

@@ -10,6 +10,10 @@ from pmcl_ros.evidence.posed_evidence import PosedEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 
+CLEARLY = 1.5  # factor by which errors are clearly larger than stated
+_FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
+_ITERATIONS = 50
+
 
 @dataclass(frozen=True)
 class CameraErrors:
@@ -39,6 +43,10 @@ class CameraErrors:
         """k, of motions."""
         return self.root.shape[2]
 
+    def enlarged(self, factor: float) -> 'CameraErrors':
+        """With standard deviations multiplied by a factor."""
+        return CameraErrors(factor * self.root)
+
     def moved(self, cameras: NDArray[np.float64], motions: NDArray[np.float64]
               ) -> NDArray[np.float64]:
         """Cameras (n, 4, 4) as motions (k,) put them."""
@@ -62,6 +70,25 @@ class CameraErrors:
         across = (variance[:, :2].mean(axis=1) / np.square(depths)
                   + variance[:, 3:5].mean(axis=1))
         return np.asarray(focal * np.sqrt(across))
+
+
+def understated(motions: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Factor, at least 1, by which stated standard deviations of camera errors are too small.
+
+    motions: (k,) that fit best, with the covariance (k, k) that they are left. Stated errors are
+    Student's t distributed: their variance is known up to a factor of inverse gamma distribution,
+    with `_FREEDOM` degrees of freedom. Its most likely value by expectation maximisation, on the
+    quadratic about `motions`.
+    """
+    information, directions = np.linalg.eigh(np.linalg.inv(covariance) - np.eye(len(motions)))
+    information = np.maximum(information, 0)  # by the views
+    pull = (information + 1) * (directions.T @ motions)
+    precision = 1.0  # relative to that stated
+    for _ in range(_ITERATIONS):
+        shown = information / (information + precision)  # share of a motion that the views tell
+        square = np.square(pull / (information + precision)).sum()
+        precision = float((_FREEDOM + shown.sum()) / (_FREEDOM + square))
+    return max(precision ** -0.5, 1.0)
 
 
 def _columns(shared: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

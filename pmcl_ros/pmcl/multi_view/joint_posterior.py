@@ -17,6 +17,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
+from pmcl_ros.pmcl.multi_view.camera_errors import understated
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -81,6 +82,10 @@ class JointPosterior:
         """(k + 1,) of the mode near a pose (4, 4)."""
         return self._known_at(pose).nuisances
 
+    def understated_near(self, pose: NDArray[np.float64]) -> float:
+        """Factor by which stated errors of the cameras are too small, at the mode near a pose."""
+        return self._known_at(pose).understated
+
     def error_share_near(self, pose: NDArray[np.float64]) -> float:
         """Factor of the model error's variance at the mode near a pose (4, 4)."""
         return self._error_share(self._known_at(pose))
@@ -129,13 +134,29 @@ class JointPosterior:
         pose, nuisances, _, scale = self._refined(pose, False)
         disagreement = (None if self.numbers is None
                         else self.contours.disagreement(pose, nuisances))
-        known = _Known(pose, nuisances, scale, disagreement)
+        known = self._with_errors(_Known(pose, nuisances, scale, disagreement))
         local = self._sure(pose, known)
         self._known.append(replace(known, local=local))
         return Mode(pose, local)
 
+    def _with_errors(self, known: '_Known') -> '_Known':
+        """With camera errors as large as the views show them."""
+        if self.contours.joint.errors.number == 0:
+            return known
+        local = self.contours.local_model(known.pose, False, known.nuisances, known.scale)
+        assert local.nuisances is not None
+        covariance = local.nuisances.covariance(local.information)[:-1, :-1]
+        return replace(known, understated=understated(known.nuisances[:-1], covariance))
+
     def _sure(self, pose: NDArray[np.float64], known: '_Known') -> LocalModel:
-        local = self.contours.local_model(pose, True, known.nuisances, known.scale)
+        """With its uncertainty, for camera errors that are as large as the views show them."""
+        contours, nuisances = self.contours, known.nuisances.copy()
+        if known.understated > 1:
+            joint = contours.joint
+            contours = replace(contours, joint=replace(joint, errors=joint.errors.enlarged(
+                known.understated)))
+            nuisances[:-1] /= known.understated
+        local = contours.local_model(pose, True, nuisances, known.scale)
         return replace(local, model_error=self._error_share(known) * local.model_error)
 
     def _error_share(self, known: '_Known') -> float:
@@ -217,13 +238,15 @@ class JointPosterior:
 @dataclass(frozen=True)
 class _Known:
     """A mode's pose (4, 4), and there: nuisances (k + 1,), scale, by how much the views disagree
-    if that was asked for, the local model with its uncertainty if it was refined."""
+    if that was asked for, the local model with its uncertainty if it was refined, and by what
+    factor the stated errors of the cameras are too small."""
 
     pose: NDArray[np.float64]
     nuisances: NDArray[np.float64]
     scale: float
     disagreement: float | None = None
     local: LocalModel | None = None
+    understated: float = 1.0
 
 
 def mixture(modes: Sequence[Mode], gaussians: Sequence[Gaussian], masses: Sequence[float],

@@ -19,7 +19,11 @@ from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
-from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_disagreement, warn_of_unused
+from pmcl_ros.pmcl.multi_view.view_warnings import (
+    warn_of_disagreement,
+    warn_of_errors,
+    warn_of_unused,
+)
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
@@ -88,6 +92,8 @@ class MultiViewLocalizer(Closing):
                 views, rng, ending, replace(request, also=found.modes)))
         warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
+        if not found.estimate.lost:
+            warn_of_errors(found.understated)
         return with_surface(found.estimate, evidence, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -130,10 +136,10 @@ class MultiViewLocalizer(Closing):
             modes = np.stack([each.pose for each in sample.modes])
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
-            moved = float(np.square(posterior.nuisances_near(estimate.pose)[:-1]).sum())
+            understated = posterior.understated_near(estimate.pose)
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
-                      first @ modes, shown, moved)
+                      first @ modes, shown, understated)
 
     def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import adjust_cameras
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 
 _LOG = logging.getLogger(__name__)
@@ -21,7 +21,6 @@ _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigm
            'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
 _OF_MESH = 'check the size of the mesh, and whether it has holes'
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
-_UNLIKELY = 0.01  # probability of larger motions of such cameras: then it is not they
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 _SAME = 1e-9  # m: poses that are equal
 
@@ -31,15 +30,15 @@ class Found:
     """What a search found.
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show a lost object (`shown_in`). moved: square sum of how
-    far the cameras' poses were corrected, in their standard deviations.
+    reference frame. shown: views that show a lost object (`shown_in`). understated: factor
+    by which stated errors of the cameras' poses are too small.
     """
 
     estimate: PoseEstimate
     fits: Sequence[ViewFit]
     modes: NDArray[np.float64]
     shown: tuple[int, ...]
-    moved: float
+    understated: float
 
 
 _Search = Callable[[ViewsEvidence], Found]
@@ -159,7 +158,7 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
                       for each in evidence.views])
     off = (f'{1e3 * position:.1f} mm and {np.rad2deg(rotation):.1f} degrees, or the mesh by '
            f'{1e3 * np.hypot(position, rotation * away):.1f} mm')
-    if found.moved > chdtri(6 * (len(found.fits) - 1), _UNLIKELY):  # six more are the pose's
+    if found.understated > CLEARLY:  # no good arm: something else is wrong
         finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
         smaller = (f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
                    else '')

@@ -23,7 +23,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY, CameraErrors, understated
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
@@ -453,6 +453,22 @@ def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
     assert CUP.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
     blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
     assert found(CUP, blind).lost
+
+
+@pytest.mark.parametrize('factor', [1, 2, 4])
+def test_how_far_stated_errors_are_too_small_is_seen_where_views_tell_of_many_motions(factor):
+    """Linear views of Gaussian errors: exactly known."""
+    rng, seen = np.random.default_rng(0), []
+    for _ in range(200):
+        jacobian = rng.normal(size=(25, 30)) * np.geomspace(0.1, 3, 30)
+        measured = jacobian @ (factor * rng.normal(size=30)) + rng.normal(size=25)
+        covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(30))
+        seen.append(understated(covariance @ jacobian.T @ measured, covariance))
+    assert min(seen) >= 1
+    assert np.median(seen) == pytest.approx(factor, rel=0.1)
+    assert (np.array(seen) > CLEARLY).mean() < 0.01 or factor > 1
+    # Where the views tell of no motion nothing is known of their size.
+    assert understated(np.zeros(30), np.eye(30)) == 1
 
 
 def test_camera_errors_are_what_the_cameras_see():
