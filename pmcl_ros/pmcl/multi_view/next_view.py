@@ -87,7 +87,8 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
             errors = CameraErrors.from_views([*posed, posed[0]])
         else:  # of poses that pictures corrected: those of the first are the candidate's, too
             errors = CameraErrors(np.concatenate([joint.errors.root, joint.errors.root[:1]]))
-        known = _Known.from_posterior(mode.pose, posterior, errors)
+        known = _Known.from_posterior(mode.pose, posterior, errors.enlarged(
+            posterior.understated_near(mode.pose)))
     now = known.sigma()
     seen = [_contour(model, pinhole, into @ camera, mode.pose,
                      None if settings.interface is None else settings.interface.seen_from(camera))
@@ -102,16 +103,18 @@ class _Known:
     """What the views that there are tell about a pose (4, 4) and nuisances (k + 1,).
 
     These are of `Nuisances`: n = d + k + 1 unknowns. errors: of the cameras, the candidate's last.
-    local: of the pose by all views. stretches: of their contours. information: (n, n) with the
-    nuisances' prior. displaced: (n, n) covariance of the gradient by the model error of one view,
-    share: factor of that by how views agree. displacement: standard deviation of where contours
-    are found [px]. curvature: of the evidence, in units of the least.
+    basis: (6, d) of the pose's tangent space. scale: of the evidence as a log likelihood.
+    stretches: of the contours. information: (n, n) with the nuisances' prior. displaced: (n, n)
+    covariance of the gradient by the model error of one view, share: factor of that by how views
+    agree. displacement: standard deviation of where contours are found [px]. curvature: of the
+    evidence, in units of the least.
     """
 
     joint: JointEvidence
     errors: CameraErrors
     pose: NDArray[np.float64]
-    local: LocalModel
+    basis: NDArray[np.float64]
+    scale: float
     stretches: Sequence[ViewTerms]
     information: NDArray[np.float64]
     displaced: NDArray[np.float64]
@@ -126,17 +129,18 @@ class _Known:
         joint = posterior.contours.joint
         symmetry, error = joint.model.symmetry, joint.views[0].error
         views = posterior.contours.contours(pose, posterior.nuisances_near(pose))
-        local = LocalModel.from_views(pose, symmetry, views, error)
         # Curvature a pixel, relative to that of a contour of which nothing is known.
-        weak = LocalModel.from_views(pose, symmetry, [replace(each, curvature=1.0)
-                                                      for each in views], None)
+        local, weak = (LocalModel.from_views(pose, symmetry, each, None) for each in (
+            views, [replace(each, curvature=1.0) for each in views]))
         curved = float(np.trace(local.information) / np.trace(weak.information))
-        # The prior of the nuisances, as evidence.
-        d = len(local.gradient)
-        information = np.diag(np.full(d + errors.number + 1, 1 / local.scale))
+        # The prior of the nuisances, as evidence of the mode.
+        scale = posterior.local_model_at(pose, True).scale
+        d = local.basis.shape[1]
+        information = np.diag(np.full(d + errors.number + 1, 1 / scale))
         information[:d, :d] = weak_information(local.basis)
-        known = cls(joint, errors, pose, local, (), information, np.zeros_like(information),
-                    posterior.error_share_near(pose), posterior.contours.displacement, curved)
+        known = cls(joint, errors, pose, local.basis, scale, (), information,
+                    np.zeros_like(information), posterior.error_share_near(pose),
+                    posterior.contours.displacement, curved)
         terms = [known.terms(each, number) for number, each in enumerate(views)
                  if len(each.points.lengths)]
         stretches = [each.stretches() for each in terms]
@@ -147,7 +151,7 @@ class _Known:
     def terms(self, seen: ViewContour, number: int) -> ViewTerms:
         """Of a view with a number among `errors`, in all n unknowns."""
         assert seen.camera is not None
-        basis = self.local.basis
+        basis = self.basis
         errors = CameraErrors(self.errors.root[number:][:1])
         off = errors.seen(seen.camera[None], self.pose)[0]
         # How the unknowns (n,) move what the view sees, (d + 1,).
@@ -171,8 +175,8 @@ class _Known:
             share = self._share_with(seen.camera)
         inverse = np.linalg.inv(information)
         off = without_negative(inverse @ displaced @ inverse)
-        basis = self.local.basis
-        covariance = (inverse / self.local.scale + share * off)[:basis.shape[1], :basis.shape[1]]
+        basis = self.basis
+        covariance = (inverse / self.scale + share * off)[:basis.shape[1], :basis.shape[1]]
         return position_sigma(basis @ covariance @ basis.T)
 
     def _share_with(self, camera: NDArray[np.float64]) -> float:

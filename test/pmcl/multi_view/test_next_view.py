@@ -12,6 +12,7 @@ from pmcl_scenes import COARSE
 from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
 
 from pmcl_ros.cli import main
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_view.next_view import (
     NextView,
     angles_around,
@@ -19,6 +20,7 @@ from pmcl_ros.pmcl.multi_view.next_view import (
     next_views,
     position_sigma,
 )
+from pmcl_ros.pmcl.multi_view.view_by_view import sigmas_by_views
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 
@@ -50,6 +52,8 @@ def test_the_farther_round_the_surer_and_as_sure_as_it_will_be(seen):
     there = next(each for each in told if np.array_equal(each.camera, cameras[3]))
     after = next_views(three, CUP, settings(), taken.pose, cameras[:1], COARSE)[0].now
     assert after == pytest.approx(there.sigma, rel=0.35)
+    assert after == pytest.approx(sigmas_by_views(three, CUP, settings(), taken.pose)[-1],
+                                  rel=1e-4)
 
 
 def test_the_same_view_again_brings_little(seen):
@@ -75,6 +79,8 @@ def test_errors_of_camera_poses_limit_what_a_view_brings(seen):
         told = next_views(uncertain, CUP, settings(), pose.pose, cameras[3:4], COARSE)[0]
         # It is as sure as the estimate's own covariance says.
         assert told.now == pytest.approx(position_sigma(pose.covariance), rel=0.25)
+        assert told.now == pytest.approx(
+            sigmas_by_views(uncertain, CUP, settings(), pose.pose)[-1], rel=1e-4)
         by_common[common] = told
     exact = next_views(two, CUP, settings(), pose.pose, cameras[3:4], COARSE)[0]
     # What is common to all views moves all that they see: no view takes it away.
@@ -85,6 +91,21 @@ def test_errors_of_camera_poses_limit_what_a_view_brings(seen):
     # What is not averages out, and a third view counts as one of three.
     assert exact.sigma < by_common[0.0].sigma < by_common[0.0].now
     assert by_common[0.0].now > exact.now
+
+
+def test_errors_that_are_larger_than_stated_are_no_news_to_it(seen):
+    """What is told now is what the covariance says."""
+    _, cameras, evidence = seen
+    off = np.random.default_rng(2).normal(size=(5, 6)) * np.repeat([0.0005, 0.0015], 3)
+    told = cameras @ retract(np.tile(np.eye(4), (5, 1, 1)), off)
+    stated = replace(evidence, views=tuple(
+        replace(each, camera_to_reference=camera, sigma=(0.0002, 0.0006), group='arm', common=0.5)
+        for each, camera in zip(evidence.views, told, strict=True)))
+    estimate = found(CUP, stated)
+    now = next_views(stated, CUP, settings(), estimate.pose, cameras[:1], COARSE)[0].now
+    assert now == pytest.approx(position_sigma(estimate.covariance), rel=0.02)
+    assert now == pytest.approx(sigmas_by_views(stated, CUP, settings(), estimate.pose)[-1],
+                                rel=1e-4)
 
 
 def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
