@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
@@ -17,6 +18,7 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.messages.bag_captures import (
     capture_messages,
+    extract_captures,
     light_field_messages,
     posed_views_messages,
     read_bag,
@@ -48,8 +50,10 @@ def test_a_raw_picture_is_read_as_it_was(tmp_path, raw_frame):
     record(tmp_path / 'bag', [*messages, *messages])  # of two captures the first
     found = read_bag(tmp_path / 'bag')
     assert found.header == HEADER
-    assert found.metadata == raw_frame.metadata
-    np.testing.assert_array_equal(found.counts, raw_frame.counts)
+    for each in (found, *map(read_raw_frame, extract_captures(tmp_path / 'bag', tmp_path))):
+        assert each.metadata == raw_frame.metadata
+        np.testing.assert_array_equal(each.counts, raw_frame.counts)
+    assert len(list_pictures(tmp_path)) == 2
 
 
 def test_a_raw_picture_has_the_last_metadata_before_it(tmp_path, raw_frame, camera_text):
@@ -58,11 +62,15 @@ def test_a_raw_picture_has_the_last_metadata_before_it(tmp_path, raw_frame, came
     other = replace(raw_frame, metadata=CameraMetadata.parse(text.replace('{', '{"x": 1, ', 1)))
     assert other.metadata != raw_frame.metadata
     metadata, image = capture_messages(raw_frame)
-    latched, _ = capture_messages(other)
-    for number, messages in enumerate(([latched, metadata, image], [image, metadata, latched])):
+    later = replace(other, header=Header(HEADER.stamp_ns + 1, HEADER.frame_id))
+    latched, second = capture_messages(later)
+    for number, messages in enumerate(([latched, metadata, image], [image, metadata, latched],
+                                       [image, second, metadata])):
         bag = tmp_path / f'bag{number}'
-        record(bag, [each._replace(time_ns=each.time_ns + k) for k, each in enumerate(messages)])
-        assert read_bag(bag).metadata == raw_frame.metadata
+        record(bag, [each._replace(time_ns=HEADER.stamp_ns + k)
+                     for k, each in enumerate(messages)])
+        found = read_bag(bag)
+        assert (found.header, found.metadata) == (HEADER, raw_frame.metadata)
 
 
 def test_views_of_the_first_complete_capture_are_read(tmp_path, light_field):

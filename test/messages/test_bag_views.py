@@ -160,8 +160,10 @@ ROBOT = Robot()
       ROBOT.poses('/goal', HAND_EYE), ROBOT.tf()),
      BagViews(image_topic='/wrist/image', pose_topic='/camera_pose')),
     ((ROBOT.info(), ROBOT.images(compressed=True, bits=12), ROBOT.poses()), BagViews(bits=12)),
+    ((ROBOT.info(k=1.1 * PINHOLE.matrix.ravel(), d=array('d', [0.1] * 5)), ROBOT.images(),
+      ROBOT.poses()), BagViews(rectified=True)),
 ], ids=['poses', 'compressed', 'both', 'tf', 'tf and mount', 'poses and mount', 'chosen',
-        '12 bits'])
+        '12 bits', 'rectified'])
 def test_a_view_of_each_place_where_the_camera_rested(tmp_path, parts, wanted):
     assert_rests(read_bag(bag_of(tmp_path, *parts), wanted))
 
