@@ -60,10 +60,11 @@ def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
 
 
 CUP = model_of(cup(), [0, 0, 1])
-BRACKET = model_of(bracket())
+STANDING = model_of(cup().apply_translation([0, 0, 0.05]), [0, 0, 1])
+BRACKET = model_of(bracket().apply_translation([0.03, 0.02, -0.01]))
 
 
-@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['symmetric', 'whole'])
+@pytest.mark.parametrize('model', [STANDING, BRACKET], ids=['symmetric', 'whole'])
 @pytest.mark.parametrize('seed', range(6))
 def test_rivals_are_rigid_and_keep_the_middle_in_place(model, seed):
     pose = random_poses(1, seed)[0]
@@ -77,6 +78,17 @@ def test_rivals_are_rigid_and_keep_the_middle_in_place(model, seed):
                                np.tile(pose[:3, :3] @ middle + pose[:3, 3], (len(found), 1)),
                                atol=1e-9)
     assert (rotation_angle(found, pose) > 1e-3).all()
+
+
+def test_without_symmetry_half_turns_are_about_its_own_axes_and_the_line_of_sight():
+    for pose in random_poses(20, 4):
+        found = ambiguous_poses(BRACKET, pose)[:, :3, :3]
+        own = pose[:3, :3].T @ found[:3]
+        np.testing.assert_allclose(own, [np.diag(2 * each - 1) for each in np.eye(3)], atol=1e-9)
+        turn = found[3] @ pose[:3, :3].T
+        middle = pose[:3, :3] @ [0.03, 0.02, -0.01] + pose[:3, 3]
+        sight = middle / np.linalg.norm(middle)
+        np.testing.assert_allclose(turn, 2 * np.outer(sight, sight) - np.eye(3), atol=1e-9)
 
 
 def test_an_axis_is_turned_upside_down_and_away():

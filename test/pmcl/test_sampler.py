@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from pmcl_scenes import random_poses
+from scipy.stats import multivariate_normal
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
@@ -24,6 +25,21 @@ def density(pose, covariance, symmetry, poses):
     deviations = symmetry.local(poses, pose) @ basis
     inverse = np.linalg.inv(basis.T @ covariance @ basis)
     return -0.5 * np.einsum('ni,ij,nj->n', deviations, inverse, deviations)
+
+
+@pytest.mark.parametrize('symmetry', [NONE, ROUND], ids=['whole', 'symmetric'])
+def test_a_density_is_normalised_and_the_same_in_the_frame_of_another_camera(symmetry):
+    pose, camera = random_poses(2, 3)
+    poses = retract(pose, np.random.default_rng(0).normal(size=(20, 6)) * SIGMA)
+    off = []
+    for covariance in (covariance_of(0), 4 * covariance_of(1)):
+        gaussian = Gaussian.from_covariance(pose, covariance, symmetry)
+        basis, found = gaussian.basis, gaussian.log_density(poses)
+        off.append(found - multivariate_normal(cov=basis.T @ covariance @ basis).logpdf(
+            symmetry.local(poses, pose) @ basis))
+        seen = gaussian.seen_from(camera)
+        np.testing.assert_allclose(seen.log_density(np.linalg.inv(camera) @ poses), found)
+    np.testing.assert_allclose(off, off[0][0])  # the constant of all Gaussians
 
 
 @pytest.mark.parametrize('symmetry', [NONE, ROUND], ids=['whole', 'symmetric'])

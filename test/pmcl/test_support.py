@@ -38,6 +38,8 @@ def test_what_is_out_of_view_speaks_against_it():
 def test_noise_within_an_arc_is_averaged():
     evidence = np.where(np.arange(400) % 2, 2.0, -1.0)
     assert contour_support(contour(evidence), 1.0) == pytest.approx(0.5)
+    points = replace(contour([1.0, -1.0]), lengths=np.array([3.0, 1.0]))
+    assert contour_support(points, 1.0) == pytest.approx(0.5)
 
 
 @given(hnp.arrays(float, st.integers(1, 300), elements=st.floats(-3, 3)), st.floats(0.5, 1))
@@ -57,6 +59,9 @@ def test_half_a_mesh_out_of_view():
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 50, 50)) == 1
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 0, 50)) == 0.5
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 500, 50)) == 0
+    # Half a pixel about the middle of the first and the last is theirs.
+    for cx, share in ((9.4, 0.5), (9.6, 1), (10.4, 1), (10.6, 0.5)):
+        assert share_in_view(model, pose, Pinhole(21, 100, 500, 500, cx, 50)) == share
 
 
 MIDDLE, RADIUS = 80, 40  # px: of a disc that a contour map shows

@@ -124,6 +124,12 @@ def test_the_choice_is_free_again_after_a_reset_and_in_another_frame_but_not_aft
     assert continuity.follow(other) is other
     continuity.reset()
     assert continuity.follow(second) is second
+    # Nearest to what was found, whatever a lost one between them is like.
+    continuity = Continuity(CARTON, WIDE)
+    found, _, again = (continuity.follow(estimate_at(
+        pose_of(Rotation.from_rotvec([angle, 0, 0]), [0, 0, 0.5]), CARTON, lost=angle == 1)).pose
+        for angle in (0, 1, 2))
+    assert rotation_angle(again[None], found)[0] == pytest.approx(np.pi - 2)
 
 
 def test_without_a_symmetry_the_estimate_stays_as_it_is():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
@@ -149,6 +150,21 @@ def test_a_detection_must_be_likelier_than_the_prediction_by_the_penalty():
         # A track that followed something else is dropped.
         assert (track.observed, track.state is None, track.confirmations) == (
             (False, True, 0) if elsewhere else (True, False, 1))
+
+
+def test_a_pose_is_predicted_in_the_ellipsoid_that_holds_it_in_99_of_100_captures():
+    edge = 0.01 * stats.chi2.ppf(0.99, 6) ** 0.5
+    for x, inside in ((0.9 * edge, True), (1.1 * edge, False)):
+        assert track_of(0).in_validation_gate(at(x), prediction()) == inside
+    assert not track_of(0).in_validation_gate(at(0), None)
+
+
+def test_evidence_of_nothing_is_never_usual():
+    track = track_of(0)
+    for _ in range(10):
+        track.statistics.add(at(0, evidence=0.1))
+    assert track.has_usual_evidence(at(0, evidence=0.01))
+    assert not track.has_usual_evidence(at(0, evidence=-0.01))
 
 
 def test_before_the_statistics_are_known_both_searches_must_agree():
