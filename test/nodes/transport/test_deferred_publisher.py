@@ -1,5 +1,7 @@
 """A capture is made for those who listen, once, and waits for them while they may be found."""
 
+import time
+
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -74,10 +76,12 @@ def test_what_is_wanted_is_made_once_and_at_once(speaker):
 
 
 def test_what_nobody_wants_yet_waits_unmade(speaker, listen):
+    began = time.monotonic()
     speaker.say('one')
     assert speaker.made == []
     listen('soft')
     assert speaker.said == {'loud': [], 'soft': ['one']}
+    assert 0 < speaker.health.latency_ms < 1e3 * (time.monotonic() - began)
     assert (speaker.health.frames_out, speaker.health.dropped) == (1, 0)
 
 
@@ -145,8 +149,11 @@ def test_what_cannot_be_made_is_told_once(speaker, listen):
 
 def test_what_cannot_be_made_when_somebody_is_found_is_an_error_of_the_node(speaker, user, listen):
     speaker.say('bad')
-    speaker.listens = {'loud'}
+    speaker.listens = {'loud', 'soft'}
     user.wait(lambda: speaker.health.errors, 'the error')
+    later = time.monotonic() + 0.3  # it looks for others each 0.1 s
+    user.wait(lambda: time.monotonic() > later, 'more looks')
     speaker.say('good')
-    assert speaker.said['loud'] == ['good']
+    assert speaker.said == {'loud': ['good'], 'soft': ['good']}
+    assert speaker.made == ['bad', 'good']
     assert speaker.health.errors == 1

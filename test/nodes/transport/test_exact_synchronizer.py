@@ -65,6 +65,9 @@ def test_what_still_comes_of_a_capture_that_was_given_up_is_left_alone():
         assert matching.add(topic, stamp, topic) is None
     assert told == ['capture 1: no b or c came with it']
     assert matching.add('c', 2, 'c') == ('a', 'b', 'c')
+    # But what has come late, too, may come again.
+    assert matching.add('b', 1, 'b') is matching.add('a', 1, 'a') is None
+    assert matching.add('c', 1, 'c') == ('a', 'b', 'c')
 
 
 def test_a_capture_that_was_given_up_may_come_again():
