@@ -59,10 +59,10 @@ def test_without_tf2_msgs_the_node_says_what_to_install(make_pmcl_node, monkeypa
     assert node.trigger_configure() == Result.SUCCESS
 
 
-@pytest.mark.parametrize(('changes', 'child'), [({}, 'wine_glass'),
-                                                ({'object_frame': 'glass'}, 'glass')])
-def test_listeners_that_come_later_get_the_last_transform(make_pmcl_node, user, tf_message,
-                                                          estimate, changes, child):
+@pytest.mark.parametrize(('changes', 'child', 'lost'), [
+    ({}, 'wine_glass', False), ({'object_frame': 'glass'}, 'glass', True)])
+def test_listeners_that_come_later_get_the_last_transform_until_there_is_none(
+        make_pmcl_node, user, tf_message, estimate, changes, child, lost):
     node = make_pmcl_node(broadcast_tf=True, **changes)
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
@@ -83,7 +83,10 @@ def test_listeners_that_come_later_get_the_last_transform(make_pmcl_node, user, 
         user.node.create_subscription(tf_message, '/tf', after.append, qos)
         user.wait(lambda after=after: expected[1] in after, 'the last transform')
         assert _distinct(after) == expected[1:]
-    node.objects.frames[0].forget()  # as at ~/reset
+    if lost:
+        node.objects.frames[0].broadcast(replace(last, lost=True))
+    else:
+        node.objects.frames[0].forget()  # as at ~/reset
     # What is still under way to this participant comes to its new subscriptions too.
     user.wait(lambda: not before[-1].transforms, 'what has no transforms')
     after = []

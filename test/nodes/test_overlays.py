@@ -7,6 +7,7 @@ import pytest
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.image import picture_from, picture_to_message
 from pmcl_ros.nodes.pmcl_outputs.overlays import Overlays
 
@@ -39,3 +40,20 @@ def test_a_picture_waits_for_its_search_as_far_as_the_memory_goes(drawn, shape, 
         (text, once), = warnings
         assert 'no overlay of capture 1: 7 newer center/image have come since' in text
         assert once
+
+
+def test_it_is_drawn_by_the_camera_of_the_picture_not_by_that_of_a_coarser_volume(drawn):
+    overlays, found, warnings = drawn
+    own, coarse = Pinhole(64, 48, 100, 100, 30, 20), Pinhole(32, 24, 50, 50, 15, 10)
+    for number in (1, 2, 3):  # the second has no camera_info
+        overlays.on_picture(picture_to_message(Header(number), np.zeros(SMALL, np.uint8)))
+        if number != 2:
+            overlays.on_camera(pinhole_to_message(Header(number), own))
+    cameras = []
+    for number in (1, 2, 3):
+        overlays.publish(Header(number), coarse,
+                         lambda picture, camera: cameras.append(camera) or picture)
+    assert cameras == [own, own]
+    assert len(found) == 2
+    (text, _), = warnings
+    assert 'center/image is not of the size of the volume' in text
