@@ -8,13 +8,17 @@ from hypothesis import strategies as st
 from pmcl_scenes import model_of, pose_of
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     Interior,
     PlacedObject,
     contact,
     deepest_penetration,
+    outside_of,
     resolve_penetration,
 )
 
@@ -124,6 +128,30 @@ def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
     assert found.cost == pytest.approx(0.5 * (second[2] / 0.005) ** 2, rel=0.05)
 
 
+def test_what_is_unsure_of_its_turn_alone_turns_away():
+    wide = 1e-12 * np.eye(6)
+    wide[4, 4] = 0.1 ** 2
+    # 4 mm deep in its side, 4 cm from its middle.
+    things = [PlacedObject(BOX, at(0, 0, 0.5), wide),
+              PlacedObject(BALL, at(0.046, 0, 0.54), 1e-12 * np.eye(6))]
+    found = resolve_penetration(things)
+    assert found.depth <= MAX_PENETRATION
+    turn = found.deviations[0, 4]
+    assert turn == pytest.approx(-0.004 / 0.04, rel=0.3)
+    assert found.cost == pytest.approx(0.5 * (turn / 0.1) ** 2, rel=0.05)
+
+
+def test_a_turn_about_the_axis_of_symmetry_takes_nothing_out():
+    pose = pose_of(Rotation.from_euler('xyz', [0.3, 0.5, 0.7]), [0.1, 0, 0.5])
+    round_ = Symmetry(np.array([0, 0, 1.0]))
+    estimate = PoseEstimate(Header(1), pose, np.eye(6), pose[None], np.zeros(1), 1.0, False,
+                            'default')
+    spin = np.concatenate([np.zeros(3), pose[:3, 2]])
+    for symmetry, left in ((Symmetry(), np.eye(6)), (round_, np.eye(6) - np.outer(spin, spin))):
+        placed = PlacedObject.from_estimate(BALL, estimate, symmetry)
+        np.testing.assert_allclose(placed.covariance, left, atol=1e-9)
+
+
 def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
     far = [PlacedObject(BALL, at(0, 0, 0.5), SURE), PlacedObject(BALL, at(0.07, 0, 0.5), SURE)]
     found = resolve_penetration(far)
@@ -134,6 +162,12 @@ def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
     given_up = resolve_penetration(same, most=10.0)
     assert given_up.cost > 10
     assert resolve_penetration([]).depth == -np.inf
+
+
+def test_what_is_far_inside_is_not_outside():
+    outside = outside_of(BALL, [(BOX, at(0, 0, 0.5)), (BALL, at(0, 0.2, 0.5))])
+    poses = np.stack([at(0.051, 0, 0.5), at(0.02, 0, 0.5), at(0, 0.16, 0.5), at(0, 0.13, 0.5)])
+    np.testing.assert_array_equal(outside(poses), [True, False, False, True])
 
 
 @settings(max_examples=8, deadline=None)
