@@ -48,6 +48,17 @@ def test_errors_are_those_that_are_told_and_near_the_bound(fixed):
     assert np.median(fitted) <= np.median(closed)
 
 
+def test_where_only_corners_have_errors_these_are_what_is_told():
+    squares, sure = [], (1e-6, 1e-6)
+    for seed in range(16):
+        arm = simulated_arm(np.random.default_rng(seed), sigma=sure, corners=0.3)
+        found = hand_eye(arm.pictures, arm.board, arm.pinhole, sure)
+        off = local(arm.camera[None], found.camera)[0]
+        squares.append(off @ np.linalg.solve(found.covariance, off))
+    # Of 6 degrees of freedom each: the mean of 16 is 6 with a standard deviation of 0.9.
+    assert 4 < np.mean(squares) < 8
+
+
 def test_without_errors_it_is_exact_and_so_is_the_closed_form():
     arm = simulated_arm(np.random.default_rng(3), sigma=(1e-7, 1e-7), corners=1e-5)
     found = hand_eye(arm.pictures, arm.board, arm.pinhole)
