@@ -193,6 +193,26 @@ def test_the_cameras_own_button_is_not_taken_for_the_command(arrivals, now):
     assert [each.shutter_ns for each in pictures] == [now - 8 * SECOND, now]
 
 
+def test_a_button_long_after_a_command_without_a_picture_is_not_its_shutter(arrivals, now):
+    shot = arrivals.commanded(now - 20 * SECOND)
+    arrivals.pressed(now)
+    new = record(2, now)
+    arrivals.announced(new.id)
+    assert [each.shutter_ns for each in arrivals.listed([new])] == [now]
+    assert (shot.picture, shot.stamp_ns) == (None, now - 20 * SECOND)
+
+
+def test_a_shutter_is_of_one_picture(arrivals, now):
+    first, second = record(2, now), record(3, now + 3 * SECOND)  # its callback was lost
+    arrivals.pressed(now)
+    for each in (first, second):
+        arrivals.announced(each.id)
+        arrivals.listed([first])
+    stamps = [each.shutter_ns for each in arrivals.listed([second, first])]
+    assert stamps[0] == now
+    assert stamps[1] == pytest.approx(now + 3 * SECOND, rel=0, abs=2000)
+
+
 def test_a_shot_without_a_picture_is_given_up(arrivals, now):
     refused = arrivals.commanded(now - 2 * SECOND)
     arrivals.given_up(refused)

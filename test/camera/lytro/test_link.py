@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 import tracemalloc
+from itertools import cycle
 
 import pytest
 from hypothesis import given, settings
@@ -273,6 +274,43 @@ def test_a_buffer_that_another_client_replaces_is_no_picture():
         Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
 
 
+@pytest.mark.parametrize(('lengths', 'pieces', 'told'), [
+    ([100], [b'b' * 60, b'a' * 60], r'bytes 0 to 60 of A\.RAW are not the same twice'),
+    ([100, 50], [b'a' * 100], r'A\.RAW has 50 bytes, expected 100')], ids=['piece', 'end'])
+def test_a_short_file_that_another_client_replaces_is_none_either(lengths, pieces, told):
+    lengths, pieces = cycle(lengths), cycle(pieces)
+
+    def answer(connected, request):
+        if request[12] == 0xC2:
+            length = struct.unpack_from('<I', request, 4)[0]
+            connected.sendall(reply(request, connected.recv(length, socket.MSG_WAITALL)))
+        elif request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', next(lengths))))
+        else:
+            connected.sendall(reply(request, next(pieces)))
+
+    with camera(answer) as address, pytest.raises(CameraError, match=told):
+        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+
+
+def test_a_long_reply_may_take_longer_than_a_short_one():
+    def answer(connected, request):
+        if request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', 20_000)))
+        elif request[12] == 0xC4:
+            body = reply(request, b'a' * 20_000)
+            for begin in range(0, len(body), 2000):  # as fast as it has to be, and twice
+                connected.sendall(body[begin:begin + 2000])
+                time.sleep(0.1)
+        else:
+            connected.sendall(reply(request, b''))
+
+    with camera(answer) as address:
+        link = Link(address, LinkSettings(timeout=0.5, patience=0.5, slowest=10_000))
+        assert link.load(protocol.LOAD_PICTURE_LIST, 'the list') == b'a' * 20_000
+        assert link.made == 1
+
+
 def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
     with buffer_lock(('10.0.0.1', 5678), 1, threading.Event()):
         with (pytest.raises(CameraError, match=r'from the camera at 10\.0\.0\.1 for 0 s'),
@@ -283,8 +321,9 @@ def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
         with (pytest.raises(LinkError, match='is closed'),
               buffer_lock(('10.0.0.1', 5678), 20, closed)):
             pass
-        with buffer_lock(('10.0.0.2', 5678), 0, closed):
-            pass
+        for other in (('10.0.0.2', 5678), ('10.0.0.1', 5679)):
+            with buffer_lock(other, 0, closed):
+                pass
     with buffer_lock(('10.0.0.1', 5678), 0, closed):
         pass
 

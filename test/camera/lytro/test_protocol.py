@@ -155,6 +155,7 @@ def test_picture_lists_round(records):
 def test_what_a_record_says():
     assert RECORD.path('RAW') == r'I:\DCIM\100PHOTO\IMG_0007.RAW'
     assert RECORD.name == 'IMG_0007'
+    assert PictureRecord(101, 1234, ID, '').path('TXT') == r'I:\DCIM\101PHOTO\IMG_1234.TXT'
     assert RECORD.taken == datetime(2014, 5, 14, 15, 32, 40, tzinfo=timezone.utc)
     assert PictureRecord(100, 1, ID, 'yesterday').taken is None
 
