@@ -1,5 +1,6 @@
 """A robot's side: gateway and simulated camera behind real, breaking connections."""
 
+import base64
 import hashlib
 import socket
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,11 +16,12 @@ import pytest
 from gateways import CuttingProxy, gateway_of, gateway_to
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from requests import Response
 from simulated_cameras import QUICK, serving, write_captures
 
 from pmcl_ros.camera.client import Picture
 from pmcl_ros.camera.gateway.client import ClockDifference, GatewayClient
-from pmcl_ros.camera.gateway.download import LostError
+from pmcl_ros.camera.gateway.download import Download, LostError
 from pmcl_ros.camera.gateway.settings import GatewaySettings, read_token
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
@@ -55,6 +58,20 @@ def client_through(gateway, *cuts, **options):
     with CuttingProxy(gateway.server_address[1], cuts, **options) as proxy, GatewayClient(
             f'http://127.0.0.1:{proxy.port}', settings=PATIENT) as client:
         yield client, proxy
+
+
+def test_a_file_that_was_damaged_on_its_way_is_asked_for_as_a_whole():
+    download = Download('a picture', 100)
+    digest = base64.b64encode(hashlib.sha256(b'right').digest()).decode()
+    for body, error in ((b'ri', 'ends after 2 of 5 bytes'), (b'wrong', 'SHA-256 differs')):
+        answer = Response()
+        answer.status_code, answer.raw = 200, BytesIO(body)
+        answer.headers.update({'ETag': '"1"', 'Content-Length': '5',
+                               'Repr-Digest': f'sha-256=:{digest}:'})
+        with pytest.raises(LostError, match=error):
+            download.take(answer)
+        assert download.headers == ({'Range': 'bytes=2-', 'If-Range': '"1"'}
+                                    if body == b'ri' else {})
 
 
 def test_it_says_what_the_camera_says(captures, camera_text):
