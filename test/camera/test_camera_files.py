@@ -1,15 +1,16 @@
 import lzma
 import os
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pmcl_ros.camera import files
-from pmcl_ros.camera.files import list_pictures, read_raw_frame
+from pmcl_ros.camera.files import list_pictures, read_raw_frame, write_raw_frame
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError, OutputError
 
 COUNTS = np.random.default_rng(0).integers(0, 4096, (6, 8)).astype(np.uint16)
 
@@ -49,6 +50,23 @@ def test_every_cut_of_an_xz_file_is_refused(picture):
         path.write_bytes(data[:length])
         with pytest.raises(CameraError, match=r'IMG.RAW.xz: not a complete xz file'):
             read_raw_frame(path)
+    path.write_bytes(data + bytes(4))  # padding, which the format allows
+    np.testing.assert_array_equal(read_raw_frame(path).counts, COUNTS)
+    path.write_bytes(data + b'more')
+    with pytest.raises(CameraError, match=r'IMG.RAW.xz: not a complete xz file \(more follows'):
+        read_raw_frame(path)
+
+
+def test_another_picture_of_its_name_is_replaced_by_force_only(picture):
+    path = picture()
+    frame = read_raw_frame(path)
+    write_raw_frame(path, frame)  # the same
+    other = replace(frame, counts=COUNTS[::-1])
+    with pytest.raises(OutputError):
+        write_raw_frame(path, other)
+    np.testing.assert_array_equal(read_raw_frame(path).counts, COUNTS)
+    write_raw_frame(path, other, force=True)
+    np.testing.assert_array_equal(read_raw_frame(path).counts, COUNTS[::-1])
 
 
 def test_every_flipped_byte_of_an_xz_file_is_refused(picture):

@@ -7,7 +7,13 @@ import pytest
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evidence.binning import MOST_PIXELS, binned, binned_to_fit, check_memory
+from pmcl_ros.evidence.binning import (
+    MOST_PIXELS,
+    binned,
+    binned_to_fit,
+    check_memory,
+    drawable,
+)
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import view_edges
 from pmcl_ros.geometry.header import Header
@@ -70,3 +76,12 @@ def test_what_does_not_fit_is_refused_before_it_is_made():
     part = SETTINGS.model_copy(update={'crop': (0, 0, 64, 64)})
     assert build_map(seen, part).tensor.shape == (64, 64, 1, 5)
     check_memory(replace(PixelGrid.from_crop(seen.pinhole, (0, 0, 0, 0), 1), width=3000), 3)
+
+
+@pytest.mark.parametrize('side', [100, 101, 196, 1000, 1001])
+def test_a_part_that_begins_within_a_pixel_is_drawable_too(side):
+    seen = view(1100, 1000)
+    found = drawable(seen, side, 100)
+    larger = round(seen.pinhole.fx / found.pinhole.fx)
+    assert (found is seen) == (side <= 100)
+    assert larger == 1 or side / larger + 2 <= 100

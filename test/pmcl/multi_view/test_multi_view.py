@@ -483,6 +483,9 @@ def test_camera_errors_are_what_the_cameras_see():
     shared = np.einsum('vak,wak->vw', errors.root, errors.root)
     np.testing.assert_allclose(shared, 15e-6 * np.array([[1, 0, 0], [0, 1, 0.5], [0, 0.5, 1]]),
                                atol=1e-12)
+    # Groups share nothing with each other.
+    two = CameraErrors.from_views([replace(views[0], group='rail'), *views[1:]])
+    np.testing.assert_allclose(np.einsum('vak,wak->vw', two.root, two.root), shared, atol=1e-12)
     pose = truth_of(BRACKET)
     foretold = errors.seen(cameras, pose)
     for number in range(errors.number):
@@ -495,6 +498,11 @@ def test_camera_errors_are_what_the_cameras_see():
     wide = errors.pixels([COARSE] * 3, [0.45] * 3)
     focal = np.sqrt(COARSE.fx * COARSE.fy)
     np.testing.assert_allclose(wide, focal * np.hypot(0.001 / 0.45, 0.002))
+    # The mean of both directions in the image; along and about the line of sight nothing moves.
+    alone = np.diag([1e-3] * 3 + [2e-3] * 3)[:, :, None]
+    np.testing.assert_allclose(
+        [CameraErrors(each[None]).pixels([COARSE], [0.45])[0] for each in alone],
+        focal * np.array([0.001 / 0.45, 0.001 / 0.45, 0, 0.002, 0.002, 0]) / 2 ** 0.5)
     assert CameraErrors.from_views([replace(each, sigma=(0., 0.)) for each in views]).number == 0
     # An object that drifts is seen off by each view on its own; what views share stays theirs.
     aged = CameraErrors.from_views([replace(views[0], drift=0.003), *views[1:-1],
