@@ -13,6 +13,7 @@ from scipy.special import ndtr
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evidence.edges import build_edges, edge_volume, edges_from_likelihood
+from pmcl_ros.evidence.energies import energies_across
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import VolumeError
@@ -142,6 +143,18 @@ def test_the_tensor_is_in_units_of_the_local_contrast():
     other = edge_volume(LightField(Header(), 0.5 + 0.5 * (views - 0.5), GRID, 1.0), DEPTHS[:5])
     np.testing.assert_allclose(one.tensor, other.tensor, rtol=0.02, atol=1e-3)
     assert 0.3 < energy(one).mean() < 1
+
+
+def test_what_is_suppressed_has_so_much_less_energy():
+    edges, rng = edge_volume(noise_field(GRID, 1), DEPTHS[:5]), np.random.default_rng(0)
+    height, width = edges.tensor.shape[:2]
+    kept = rng.random((height, width), np.float32)
+    y, x = np.indices((height, width)).reshape(2, -1)
+    points = (np.column_stack([x, y]), np.tile([0.6, 0.8], (len(x), 1)),
+              np.full(len(x), edges.depths[2]), np.zeros(1))
+    whole, left = (energies_across(each, *points)[:, 0]
+                   for each in (edges, edges.suppressed(kept)))
+    np.testing.assert_allclose(left, kept.ravel() * whole, rtol=1e-4, atol=1e-6)
 
 
 def test_how_bright_a_view_is_does_not_matter():

@@ -29,6 +29,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pipeline import make_localizer
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
@@ -87,7 +88,7 @@ def assert_valid(estimate, model):
 
 
 def test_a_vessel_is_localised_whatever_the_seed(context):
-    errors = []
+    errors, shares = [], []
     for seed in (0, 1, 2):
         truth, volume = scene(context, CUP, seed)
         estimate = localized(CUP, volume, seed)
@@ -98,6 +99,11 @@ def test_a_vessel_is_localised_whatever_the_seed(context):
             np.pi ** 2 / 3, rel=0.01)
         error = pose_error(estimate.pose, truth, CUP.symmetry)
         errors.append((error.translation, error.rotation))
+        ours = CUP.symmetry.same_mode(estimate.particles, estimate.pose, *MODE_EXTENT)
+        off = estimate.particles[ours, :3, 3] - estimate.pose[:3, 3]
+        shares.append(np.square(off).mean(axis=0) / np.diag(estimate.covariance)[:3])
+    # Particles are spread as the covariance says, by the error of the model, too.
+    assert np.mean(shares) == pytest.approx(1, rel=0.3)
     # The contour's pixels leave a millimetre or two along the line of sight.
     assert np.max(errors, axis=0)[0] < 0.005
     assert np.max(errors, axis=0)[1] < np.deg2rad(3)
