@@ -10,6 +10,8 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.runtime.errors import LocalizationError
 
 _BACKWARDS = np.diag([1.0, -1, -1, 1])
+# An optical frame (z forward) in the frame of a link whose x axis points forward, as in REP 103.
+_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 _ASK = ('are poses and region of the same frame, in metres, quaternions in the order x, y, z, w, '
         'and the poses from the camera (z forward) to that frame?')
 _MOST = 0.8  # share of the views that see a place, of poses without a mistake
@@ -30,6 +32,8 @@ _MISTAKES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     'are the poses from that frame to the camera? By their inverses': inverse,
     'do the cameras look along -z (OpenGL, Blender)? With other signs of the second and third '
     'column of their poses': lambda pose: pose @ _BACKWARDS,
+    'are they poses of a link with x forward (camera_link), not of the optical frame? With the '
+    'latter': lambda pose: pose @ _OPTICAL,
     'are the poses in millimetres? In metres': _in_metres}
 
 
@@ -47,11 +51,14 @@ def sees(pinhole: Pinhole, camera: NDArray[np.float64], place: tuple[float, floa
 
 def likely_mistake(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
                    place: tuple[float, float, float]) -> str:
-    """A question for the mistake in poses without which most views see a place, or for all.
+    """A question for the mistake without which most views see a place, or for all mistakes.
 
     cameras: each with its pose (4, 4) in the frame of the place [m].
     """
-    return _mistake(cameras, place) or _ASK
+    return _mistake(cameras, place) or (
+        "is the region in a camera's frame? There it is in view; it must be in that of the poses"
+        if not any(sees(*each, place) for each in cameras)
+        and all(sees(pinhole, np.eye(4), place) for pinhole, _ in cameras) else _ASK)
 
 
 def check_poses(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],

@@ -16,6 +16,8 @@ from pmcl_ros.runtime.errors import LocalizationError
 CAMERA = Pinhole(640, 480, 600.0, 600.0, 322.0, 238.0)
 PLACE = (0.5, 0.2, 0.1)
 BACKWARDS = np.diag([1.0, -1, -1, 1])
+# A link, x forward and z up, in the optical frame.
+FROM_LINK = pose_of(Rotation.from_matrix([[0, -1, 0], [0, 0, -1], [1, 0, 0]]), [0, 0, 0])
 
 
 def around(begin=0):
@@ -51,11 +53,17 @@ def test_a_camera_sees_what_is_before_it():
     (inverse, 'from that frame to the camera? By their inverses all 4 views see its middle'),
     (lambda pose: pose @ BACKWARDS, 'look along -z (OpenGL, Blender)?'),
     (in_millimetres, 'are the poses in millimetres? In metres all 4 views'),
+    (lambda pose: pose @ FROM_LINK, 'not of the optical frame? With the latter all 4 views'),
     (lambda pose: pose @ pose_of(Rotation.from_euler('x', 90, degrees=True), [0, 0, 0]),
      'are poses and region of the same frame, in metres')],
-    ids=['inverses', 'opengl', 'millimetres', 'another'])
+    ids=['inverses', 'opengl', 'millimetres', 'link', 'another'])
 def test_what_the_poses_seem_to_be_is_asked(mistaken, told):
     assert told in likely_mistake(of_camera(mistaken(pose) for pose in around()), PLACE)
+
+
+def test_a_region_in_the_frame_of_a_camera_is_asked_for():
+    before = np.linalg.inv(around()[0]) @ [*PLACE, 1]
+    assert "is the region in a camera's frame?" in likely_mistake(of_camera(around()), before[:3])
 
 
 def test_it_is_asked_where_no_view_sees_the_region():
