@@ -6,7 +6,7 @@ cameras stand to each other but for the scale; what it does not see stays as rep
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ _FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fra
 _FEATURES = 1500  # of a picture
 _LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the size
 _RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
-_NOISE = 0.5  # px: of a match
+MATCHED = 0.5  # px: noise of a match
 _GATE = 4.0  # standard deviations of reported poses that a match may be off its line
 _BEHIND = 2.0  # the same, by which reported rotations may put what is far away behind the cameras
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
@@ -52,15 +52,56 @@ class CameraAdjustment:
     @property
     def is_needed(self) -> bool:
         """Whether the reported poses do not fit what the pictures show."""
-        return self.before > _NOISE
+        return self.before > MATCHED
+
+
+@dataclass(frozen=True)
+class PairFit:
+    """How far matches of two pictures are from their epipolar lines, half of them at least.
+
+    views: their numbers. distances: by each of some cameras [px]. allowed: what is possible where
+    reported poses are off by their errors, twice `_PRIOR` and the stated ones [px].
+    """
+
+    views: tuple[int, int]
+    distances: tuple[float, ...]
+    allowed: float
+
+    @property
+    def excess(self) -> float:
+        """The distance by the first cameras, as a share of what is possible."""
+        return self.distances[0] / self.allowed
+
+
+def pair_fits(views: Sequence[PosedView], cameras: Sequence[NDArray[np.float64]]
+              ) -> list[PairFit]:
+    """How the matches of each view and the next fit cameras, each (n, 4, 4), whatever these are.
+
+    Matches are those that one relative pose explains. Where these are less than half, as in a
+    pattern that repeats, or fewer than `_FEWEST`, the pair is left out.
+    """
+    reduced = [_reduced(each) for each in views]
+    features = [_features(*each) for each in reduced]
+    position, rotation = np.max([_PRIOR, *(each.sigma for each in views)], axis=0)
+    found = []
+    for one, other in pairwise(range(len(views))):
+        length = float(np.mean([reduced[each][1].fx for each in (one, other)]))
+        matched = _matched(features[one], features[other])
+        rays = _explained(matched, length)
+        if len(rays) >= max(_FEWEST, len(matched) / 2):
+            found.append(PairFit((one, other), tuple(float(np.median(np.abs(
+                length * sampson(rays, (np.linalg.inv(each[other]) @ each[one])[None]))))
+                for each in cameras),
+                2 * length * np.sqrt(2) * np.hypot(position / _DISTANCE, rotation)))
+    return found
 
 
 def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures.
 
-    None where too few matches link the views, or no likely poses fit them within `_NOISE`.
+    None where too few matches link the views, or no likely poses fit them within `MATCHED`.
     Reported poses are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off
-    its line by `_NOISE`, with Cauchy's tails.
+    its line by `MATCHED`, with Cauchy's tails.
     """
     reported = np.array([each.camera_to_reference for each in views])
     matches = _Matches.between(views, reported)
@@ -74,7 +115,7 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
         return np.asarray(reported @ np.linalg.inv(off))
 
     def residuals(unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        return matches.distances(moved(unit)) / _NOISE
+        return matches.distances(moved(unit)) / MATCHED
 
     unit, step = np.zeros(6 * number), 1e-3 * np.eye(6 * number)
     for _ in range(_ITERATIONS):  # reweighted least squares: each lessens the cost
@@ -86,7 +127,7 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     cameras = moved(unit)
     before, after = (float(np.median(np.abs(matches.distances(each))))
                      for each in (reported, cameras))
-    if after > _NOISE or unit @ unit > chdtri(6 * (number - 1), _UNLIKELY):
+    if after > MATCHED or unit @ unit > chdtri(6 * (number - 1), _UNLIKELY):
         return None
     covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))
@@ -140,7 +181,7 @@ class _Matches:
 def sampson(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m,) signed distance of matches from their epipolar lines, for a focal length of 1.
 
-    rays: (m, 2, 3) with z = 1, in either camera. between: (m, 4, 4) first to second camera.
+    rays: (m, 2, 3) with z = 1, in either camera. between: (m or 1, 4, 4) first to second camera.
     First-order geometric error of Hartley and Zisserman, Multiple View Geometry, 11.4.3.
     """
     one, other = rays[:, 0], rays[:, 1]
@@ -220,12 +261,15 @@ def _consistent(rays: NDArray[np.float64], focal: float, reported: NDArray[np.fl
     between = np.tile(relative, (len(rays), 1, 1))
     rays = rays[(np.abs(sampson(rays, between)) < gate)
                 & (parallax(rays, relative) > -_BEHIND * np.sqrt(2) * rotation)]
+    rays = _explained(rays, focal)
+    return rays[::max(-(-len(rays) // _MOST), 1)]
+
+
+def _explained(rays: NDArray[np.float64], focal: float) -> NDArray[np.float64]:
+    """Those matches (m, 2, 3) that one relative pose explains; all, where they are too few."""
     if len(rays) < _FEWEST:
         return rays
     cv2.setRNGSeed(0)
     _, inside = cv2.findEssentialMat(rays[:, 0, :2], rays[:, 1, :2], np.eye(3), cv2.RANSAC,
-                                     0.999, 3 * _NOISE / focal)
-    if inside is None:
-        return rays[:0]
-    rays = rays[inside.ravel() > 0]
-    return rays[::max(-(-len(rays) // _MOST), 1)]
+                                     0.999, 3 * MATCHED / focal)
+    return rays[:0] if inside is None else rays[inside.ravel() > 0]

@@ -10,7 +10,13 @@ from scipy.stats import chi2
 from textured_planes import views_of_planes
 
 from pmcl_ros.geometry.se3 import local, retract
-from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, parallax, sampson
+from pmcl_ros.lightfield.camera_adjustment import (
+    MATCHED,
+    adjust_cameras,
+    pair_fits,
+    parallax,
+    sampson,
+)
 
 MIDDLE = np.array([0, 0, 0.6])
 
@@ -65,6 +71,22 @@ def test_motions_that_are_unlikely_of_reported_poses_are_not_made():
     assert adjust_cameras(views_of_planes(CAMERAS, told)) is None
 
 
+def test_any_poses_are_judged_by_pairs_of_neighbours():
+    told = CAMERAS.copy()
+    told[1, :3, :3] = told[1, :3, :3] @ Rotation.from_euler('z', 90, degrees=True).as_matrix()
+    fits = pair_fits(views_of_planes(CAMERAS, told), [told, CAMERAS])
+    assert [each.views for each in fits] == [(0, 1), (1, 2), (2, 3)]
+    assert [each.excess > 1 for each in fits] == [True, True, False]
+    assert max(each.distances[1] for each in fits) < MATCHED
+
+
+def test_stated_errors_allow_more():
+    views = views_of_planes(CAMERAS[:2])
+    stated = [replace(each, sigma=(0.02, 0.07)) for each in views]  # ten times those taken
+    (fit,), (loose,) = (pair_fits(each, [CAMERAS[:2]]) for each in (views, stated))
+    assert loose.allowed == pytest.approx(10 * fit.allowed)
+
+
 def test_a_large_picture_is_reduced_with_its_camera():
     views = []
     for view in views_of_planes(CAMERAS):
@@ -77,6 +99,7 @@ def test_a_large_picture_is_reduced_with_its_camera():
 
 def test_without_texture_nothing_is_told():
     assert adjust_cameras(views_of_planes(CAMERAS, contrast=0.0)) is None
+    assert pair_fits(views_of_planes(CAMERAS, contrast=0.0), [CAMERAS]) == []
     assert adjust_cameras(views_of_planes(CAMERAS[:1])) is None
 
 

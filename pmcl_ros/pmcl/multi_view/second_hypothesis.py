@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.camera_adjustment import adjust_cameras
+from pmcl_ros.lightfield.camera_adjustment import MATCHED, PairFit, adjust_cameras, pair_fits
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 
 _LOG = logging.getLogger(__name__)
 _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigma_mm and '
@@ -113,10 +114,15 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
 
 def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
                  ) -> tuple[Found, ViewsEvidence] | None:
-    """Found with other camera poses, if those reported count as exact: seldom are they."""
-    if not evidence.are_exact or len(evidence.views) < 2:
-        return None
-    return _adjusted(evidence, search) or _uncertain(evidence, lost, search)
+    """Found with other camera poses, if those reported count as exact: seldom are they.
+
+    The log tells of an object that stays lost where the surroundings disprove its camera poses.
+    """
+    exact = evidence.are_exact and len(evidence.views) > 1
+    found = _adjusted(evidence, search) if exact else None
+    if found is not None or not lost.estimate.lost or _are_disproved(evidence) or not exact:
+        return found
+    return _uncertain(evidence, lost, search)
 
 
 def _adjusted(evidence: ViewsEvidence, search: _Search) -> tuple[Found, ViewsEvidence] | None:
@@ -138,6 +144,34 @@ def _adjusted(evidence: ViewsEvidence, search: _Search) -> tuple[Found, ViewsEvi
         f'the others; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
         adjusted.after)
     return found, fitting
+
+
+def _pairs(evidence: ViewsEvidence, mended: Sequence[NDArray[np.float64]] = ()) -> list[PairFit]:
+    """How pairs of pictures fit the camera poses, and others (n, 4, 4) in their place."""
+    pictures = evidence.pictures
+    given = np.array([each.camera_to_reference for each in evidence.views])
+    return [] if pictures is None else pair_fits(pictures.views, [given, *mended])
+
+
+def _are_disproved(evidence: ViewsEvidence) -> bool:
+    """Whether the surroundings do not fit the camera poses of a lost object; the log tells it."""
+    mended = list(without_mistakes([(each.evidence.pinhole, each.camera_to_reference)
+                                    for each in evidence.views]))
+    pairs = _pairs(evidence, [np.array([pose for _, pose in each]) for _, each in mended])
+    if not pairs:
+        return False
+    given, *others = np.median([each.distances for each in pairs], axis=0)
+    questions = [f'{question} {distance:.1f} px' for (question, _), distance
+                 in zip(mended, others, strict=True) if distance <= MATCHED < given]
+    worst = max(pairs, key=lambda pair: pair.excess)
+    if not questions and worst.excess <= 1:
+        return False
+    _LOG.warning(
+        'lost, and what is around the object does not fit the camera poses: matches of pictures '
+        '%d and %d are %.1f px off their epipolar lines; %s', *worst.views, worst.distances[0],
+        questions[0] if questions else 'is each picture with its own pose, are these of the '
+        'optical frame (hand-eye transform), and is the camera matrix right?')
+    return True
 
 
 def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search

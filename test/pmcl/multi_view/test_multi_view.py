@@ -19,7 +19,7 @@ from pmcl_ros.evidence.learned import learned_views
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import pose_of, retract
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
@@ -48,6 +48,7 @@ CUP = model_of(cup(), [0, 0, 1])
 BRACKET = model_of(bracket())
 MIDDLE = np.array([0.01, -0.005, 0.45])
 ROI = (0.12, 0.1, 0.14)
+QUARTER_TURN = pose_of(Rotation.from_euler('z', 90, degrees=True), [0, 0, 0])
 
 
 def around(angles):
@@ -469,6 +470,22 @@ def test_how_far_stated_errors_are_too_small_is_seen_where_views_tell_of_many_mo
     assert (np.array(seen) > CLEARLY).mean() < 0.01 or factor > 1
     # Where the views tell of no motion nothing is known of their size.
     assert understated(np.zeros(30), np.eye(30)) == 1
+
+
+@pytest.mark.parametrize(('told', 'asked'), [
+    (lambda cameras: cameras @ QUARTER_TURN, 'is each picture with its own pose, are these of'),
+    (np.linalg.inv, 'are the poses from that frame to the camera? By their inverses 0.')],
+    ids=['turned mount', 'inverses'])
+@pytest.mark.parametrize('sigma', [(0.0, 0.0), (0.001, 0.0035)], ids=['exact', 'stated'])
+def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, told, asked, sigma):
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    poses = told(cameras)
+    evidence = ViewsEvidence(Header(7, 'base'), tuple(
+        replace(each, camera_to_reference=pose, view=view, sigma=sigma)
+        for each, pose, view in zip(maps_seen(context, CUP, truth, cameras).views, poses,
+                                    views_of_planes(cameras, poses), strict=True)))
+    assert found(CUP, evidence, settings(size=(0.5, 0.5, 0.5))).lost
+    assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
 def test_camera_errors_are_what_the_cameras_see():
