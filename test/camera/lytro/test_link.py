@@ -157,9 +157,9 @@ def test_nothing_of_the_buffer_is_told():
         Link(address, QUICK).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
 
 
-def test_a_file_that_changes_its_length_is_refused():
-    lengths = iter([100, 50])
-
+def file_server(lengths, send):
+    """What a camera answers to the commands that load a file: its lengths, and by send(connected,
+    request) its pieces."""
     def answer(connected, request):
         if request[12] == 0xC2:
             length = struct.unpack_from('<I', request, 4)[0]
@@ -167,10 +167,16 @@ def test_a_file_that_changes_its_length_is_refused():
         elif request[12] == 0xC6:
             connected.sendall(reply(request, struct.pack('<I', next(lengths))))
         else:
-            connected.sendall(reply(request, bytes(60))[:58])
-            connected.close()
+            send(connected, request)
+    return answer
 
-    with camera(answer) as address, pytest.raises(
+
+def test_a_file_that_changes_its_length_is_refused():
+    def half(connected, request):
+        connected.sendall(reply(request, bytes(60))[:58])
+        connected.close()
+
+    with camera(file_server(iter([100, 50]), half)) as address, pytest.raises(
             CameraError, match=r'A\.RAW has 50 bytes, expected 100'):
         Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
 
@@ -278,18 +284,13 @@ def test_a_buffer_that_another_client_replaces_is_no_picture():
     ([100], [b'b' * 60, b'a' * 60], r'bytes 0 to 60 of A\.RAW are not the same twice'),
     ([100, 50], [b'a' * 100], r'A\.RAW has 50 bytes, expected 100')], ids=['piece', 'end'])
 def test_a_short_file_that_another_client_replaces_is_none_either(lengths, pieces, told):
-    lengths, pieces = cycle(lengths), cycle(pieces)
+    pieces = cycle(pieces)
 
-    def answer(connected, request):
-        if request[12] == 0xC2:
-            length = struct.unpack_from('<I', request, 4)[0]
-            connected.sendall(reply(request, connected.recv(length, socket.MSG_WAITALL)))
-        elif request[12] == 0xC6:
-            connected.sendall(reply(request, struct.pack('<I', next(lengths))))
-        else:
-            connected.sendall(reply(request, next(pieces)))
+    def send(connected, request):
+        connected.sendall(reply(request, next(pieces)))
 
-    with camera(answer) as address, pytest.raises(CameraError, match=told):
+    with camera(file_server(cycle(lengths), send)) as address, pytest.raises(
+            CameraError, match=told):
         Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
 
 
