@@ -7,6 +7,7 @@ cameras stand to each other but for the scale; what it does not see stays as rep
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -73,19 +74,28 @@ class PairFit:
         return self.distances[0] / self.allowed
 
 
-def pair_fits(views: Sequence[PosedView], cameras: Sequence[NDArray[np.float64]]
-              ) -> list[PairFit]:
+class Features(NamedTuple):
+    """What SIFT finds in a picture of at most `_LARGEST`.
+
+    rays: (n, 3) with z = 1. descriptors: (n, 128). focal: length of the camera [px].
+    """
+
+    rays: NDArray[np.float64]
+    descriptors: NDArray[np.float32]
+    focal: float
+
+
+def pair_fits(views: Sequence[PosedView], features: Sequence[Features],
+              cameras: Sequence[NDArray[np.float64]]) -> list[PairFit]:
     """How the matches of each view and the next fit cameras, each (n, 4, 4), whatever these are.
 
     Matches are those that one relative pose explains. Where these are less than half, as in a
     pattern that repeats, or fewer than `_FEWEST`, the pair is left out.
     """
-    reduced = [_reduced(each) for each in views]
-    features = [_features(*each) for each in reduced]
     position, rotation = np.max([_PRIOR, *(each.sigma for each in views)], axis=0)
     found = []
     for one, other in pairwise(range(len(views))):
-        length = float(np.mean([reduced[each][1].fx for each in (one, other)]))
+        length = (features[one].focal + features[other].focal) / 2
         matched = _matched(features[one], features[other])
         rays = _explained(matched, length)
         if len(rays) >= max(_FEWEST, len(matched) / 2):
@@ -96,15 +106,16 @@ def pair_fits(views: Sequence[PosedView], cameras: Sequence[NDArray[np.float64]]
     return found
 
 
-def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
-    """The poses that fit matches between the pictures.
+def adjust_cameras(views: Sequence[PosedView], features: Sequence[Features]
+                   ) -> CameraAdjustment | None:
+    """The poses that fit matches between the pictures, by the features of each.
 
     None where too few matches link the views, or no likely poses fit them within `MATCHED`.
     Reported poses are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off
     its line by `MATCHED`, with Cauchy's tails.
     """
     reported = np.array([each.camera_to_reference for each in views])
-    matches = _Matches.between(views, reported)
+    matches = _Matches.between(features, reported)
     if matches is None:
         return None
     number = len(views)
@@ -151,15 +162,13 @@ class _Matches:
     focal: NDArray[np.float64]
 
     @classmethod
-    def between(cls, views: Sequence[PosedView], reported: NDArray[np.float64]
+    def between(cls, features: Sequence[Features], reported: NDArray[np.float64]
                 ) -> '_Matches | None':
         """None where the matches do not link all views."""
-        reduced = [_reduced(each) for each in views]
-        features = [_features(*each) for each in reduced]
-        linked = np.arange(len(views))
+        linked = np.arange(len(features))
         parts: list[tuple[int, int, NDArray[np.float64], float]] = []
         for one, other in _neighbours(reported):
-            length = float(np.mean([reduced[each][1].fx for each in (one, other)]))
+            length = (features[one].focal + features[other].focal) / 2
             matched = _consistent(_matched(features[one], features[other]), length,
                                   reported[[one, other]])
             if len(matched) >= _FEWEST:
@@ -223,29 +232,28 @@ def _reduced(view: PosedView) -> tuple[NDArray[np.uint8], Pinhole]:
     return grey, pinhole
 
 
-def _features(grey: NDArray[np.uint8], pinhole: Pinhole
-              ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Rays (n, 3) with z = 1 and descriptors (n, 128) of a picture."""
+def features_of(view: PosedView) -> Features:
+    """Those of a view's picture, at most `_FEATURES`."""
+    grey, pinhole = _reduced(view)
     points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, None)
     if descriptors is None:
-        return np.zeros((0, 3)), np.zeros((0, 128), np.float32)
+        return Features(np.zeros((0, 3)), np.zeros((0, 128), np.float32), pinhole.fx)
     rays = pinhole.rays(np.array([each.pt for each in points]))
-    return rays, np.asarray(descriptors, np.float32)
+    return Features(rays, np.asarray(descriptors, np.float32), pinhole.fx)
 
 
-def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
-             second: tuple[NDArray[np.float64], NDArray[np.float32]]) -> NDArray[np.float64]:
+def _matched(first: Features, second: Features) -> NDArray[np.float64]:
     """(m, 2, 3) rays of features that are each other's nearest, by far."""
-    if min(len(first[0]), len(second[0])) < 2:
+    if min(len(first.rays), len(second.rays)) < 2:
         return np.zeros((0, 2, 3))
     pairs = []
     for one, other in ((first, second), (second, first)):
-        near = cv2.BFMatcher().knnMatch(one[1], other[1], 2)
+        near = cv2.BFMatcher().knnMatch(one.descriptors, other.descriptors, 2)
         pairs.append({(best.queryIdx, best.trainIdx) for best, next_ in near
                       if best.distance < _RATIO * next_.distance})
     both = np.array(sorted(pairs[0] & {(train, query) for query, train in pairs[1]}),
                     int).reshape(-1, 2)
-    return np.stack([first[0][both[:, 0]], second[0][both[:, 1]]], axis=1)
+    return np.stack([first.rays[both[:, 0]], second.rays[both[:, 1]]], axis=1)
 
 
 def _consistent(rays: NDArray[np.float64], focal: float, reported: NDArray[np.float64]

@@ -13,6 +13,7 @@ from pmcl_ros.geometry.se3 import local, retract
 from pmcl_ros.lightfield.camera_adjustment import (
     MATCHED,
     adjust_cameras,
+    features_of,
     pair_fits,
     parallax,
     sampson,
@@ -38,8 +39,16 @@ def deviations(cameras, true):
 CAMERAS = around([-24, -12, 0, 12])
 
 
+def adjusted_by(views):
+    return adjust_cameras(views, [features_of(each) for each in views])
+
+
+def fits_of(views, cameras):
+    return pair_fits(views, [features_of(each) for each in views], cameras)
+
+
 def test_exact_poses_are_not_off():
-    adjusted = adjust_cameras(views_of_planes(CAMERAS))
+    adjusted = adjusted_by(views_of_planes(CAMERAS))
     assert not adjusted.is_needed
     assert adjusted.before < 0.2
 
@@ -49,7 +58,7 @@ def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
     rng = np.random.default_rng(seed)
     errors = rng.normal(size=(4, 6)) * np.repeat([0.0015, 0.005], 3)
     told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)), errors)
-    adjusted = adjust_cameras(views_of_planes(CAMERAS, told, seed))
+    adjusted = adjusted_by(views_of_planes(CAMERAS, told, seed))
     assert adjusted.is_needed
     assert adjusted.before > 1
     assert adjusted.after < 0.3
@@ -68,13 +77,13 @@ def test_motions_that_are_unlikely_of_reported_poses_are_not_made():
     turns = 0.014 * np.array([[1, 1, 1], [-1, -1, -1], [1, 1, 1], [-1, -1, -1]])  # two sigma each
     told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)),
                              np.concatenate([np.zeros((4, 3)), turns], axis=1))
-    assert adjust_cameras(views_of_planes(CAMERAS, told)) is None
+    assert adjusted_by(views_of_planes(CAMERAS, told)) is None
 
 
 def test_any_poses_are_judged_by_pairs_of_neighbours():
     told = CAMERAS.copy()
     told[1, :3, :3] = told[1, :3, :3] @ Rotation.from_euler('z', 90, degrees=True).as_matrix()
-    fits = pair_fits(views_of_planes(CAMERAS, told), [told, CAMERAS])
+    fits = fits_of(views_of_planes(CAMERAS, told), [told, CAMERAS])
     assert [each.views for each in fits] == [(0, 1), (1, 2), (2, 3)]
     assert [each.excess > 1 for each in fits] == [True, True, False]
     assert max(each.distances[1] for each in fits) < MATCHED
@@ -83,7 +92,7 @@ def test_any_poses_are_judged_by_pairs_of_neighbours():
 def test_stated_errors_allow_more():
     views = views_of_planes(CAMERAS[:2])
     stated = [replace(each, sigma=(0.02, 0.07)) for each in views]  # ten times those taken
-    (fit,), (loose,) = (pair_fits(each, [CAMERAS[:2]]) for each in (views, stated))
+    (fit,), (loose,) = (fits_of(each, [CAMERAS[:2]]) for each in (views, stated))
     assert loose.allowed == pytest.approx(10 * fit.allowed)
 
 
@@ -92,15 +101,15 @@ def test_a_large_picture_is_reduced_with_its_camera():
     for view in views_of_planes(CAMERAS):
         picture = cv2.resize(view.picture, (1920, 1440), interpolation=cv2.INTER_CUBIC).clip(0, 1)
         views.append(replace(view, picture=picture, pinhole=view.pinhole.resized(1920, 1440)))
-    adjusted = adjust_cameras(views)
+    adjusted = adjusted_by(views)
     assert not adjusted.is_needed
     assert deviations(adjusted.cameras, CAMERAS)[:, 3:].std() < 0.002
 
 
 def test_without_texture_nothing_is_told():
-    assert adjust_cameras(views_of_planes(CAMERAS, contrast=0.0)) is None
-    assert pair_fits(views_of_planes(CAMERAS, contrast=0.0), [CAMERAS]) == []
-    assert adjust_cameras(views_of_planes(CAMERAS[:1])) is None
+    assert adjusted_by(views_of_planes(CAMERAS, contrast=0.0)) is None
+    assert fits_of(views_of_planes(CAMERAS, contrast=0.0), [CAMERAS]) == []
+    assert adjusted_by(views_of_planes(CAMERAS[:1])) is None
 
 
 def test_the_distance_is_that_from_the_epipolar_line():

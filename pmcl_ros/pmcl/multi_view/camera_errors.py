@@ -10,7 +10,7 @@ from pmcl_ros.evidence.posed_evidence import PosedEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 
-CLEARLY = 1.5  # factor by which errors are clearly larger than stated
+CLEARLY_LARGER = 1.5  # factor by which errors are clearly larger than stated
 _FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
 _ITERATIONS = 50
 

@@ -11,9 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.camera_adjustment import MATCHED, PairFit, adjust_cameras, pair_fits
+from pmcl_ros.lightfield.camera_adjustment import (
+    MATCHED,
+    Features,
+    adjust_cameras,
+    features_of,
+    pair_fits,
+)
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 
@@ -118,17 +125,20 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
 
     The log tells of an object that stays lost where the surroundings disprove its camera poses.
     """
-    exact = evidence.are_exact and len(evidence.views) > 1
-    found = _adjusted(evidence, search) if exact else None
-    if found is not None or not lost.estimate.lost or _are_disproved(evidence) or not exact:
-        return found
-    return _uncertain(evidence, lost, search)
+    exact, pictures = evidence.are_exact and len(evidence.views) > 1, evidence.pictures
+    if pictures is not None and (exact or lost.estimate.lost):
+        features = [features_of(each) for each in pictures.views]
+        found = _adjusted(evidence, pictures, features, search) if exact else None
+        if found is not None or (lost.estimate.lost
+                                 and _are_disproved(evidence, pictures, features)):
+            return found
+    return _uncertain(evidence, lost, search) if exact else None
 
 
-def _adjusted(evidence: ViewsEvidence, search: _Search) -> tuple[Found, ViewsEvidence] | None:
+def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features],
+              search: _Search) -> tuple[Found, ViewsEvidence] | None:
     """Found with camera poses that fit the surroundings, if those reported do not."""
-    pictures = evidence.pictures
-    adjusted = None if pictures is None else adjust_cameras(pictures.views)
+    adjusted = adjust_cameras(pictures.views, features)
     if adjusted is None or not adjusted.is_needed:
         return None
     fitting = replace(evidence, errors=adjusted.root, views=tuple(
@@ -146,18 +156,14 @@ def _adjusted(evidence: ViewsEvidence, search: _Search) -> tuple[Found, ViewsEvi
     return found, fitting
 
 
-def _pairs(evidence: ViewsEvidence, mended: Sequence[NDArray[np.float64]] = ()) -> list[PairFit]:
-    """How pairs of pictures fit the camera poses, and others (n, 4, 4) in their place."""
-    pictures = evidence.pictures
-    given = np.array([each.camera_to_reference for each in evidence.views])
-    return [] if pictures is None else pair_fits(pictures.views, [given, *mended])
-
-
-def _are_disproved(evidence: ViewsEvidence) -> bool:
+def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
+                   ) -> bool:
     """Whether the surroundings do not fit the camera poses of a lost object; the log tells it."""
     mended = list(without_mistakes([(each.evidence.pinhole, each.camera_to_reference)
                                     for each in evidence.views]))
-    pairs = _pairs(evidence, [np.array([pose for _, pose in each]) for _, each in mended])
+    pairs = pair_fits(pictures.views, features, [
+        np.array([each.camera_to_reference for each in evidence.views]),
+        *(np.array([pose for _, pose in each]) for _, each in mended)])
     if not pairs:
         return False
     given, *others = np.median([each.distances for each in pairs], axis=0)
@@ -192,7 +198,7 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
                       for each in evidence.views])
     off = (f'{1e3 * position:.1f} mm and {np.rad2deg(rotation):.1f} degrees, or the mesh by '
            f'{1e3 * np.hypot(position, rotation * away):.1f} mm')
-    if found.understated > CLEARLY:  # no good arm: something else is wrong
+    if found.understated > CLEARLY_LARGER:  # no good arm: something else is wrong
         finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
         smaller = (f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
                    else '')

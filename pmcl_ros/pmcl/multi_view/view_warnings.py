@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 
@@ -49,7 +49,7 @@ def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:
 
 def warn_of_errors(understated: float) -> None:
     """Warn where stated errors of the cameras' poses are clearly too small, by a factor."""
-    if understated > CLEARLY:
+    if understated > CLEARLY_LARGER:
         _LOG.warning('the views agree on a pose if the errors of the camera poses are %.1f times '
                      'those stated, and the covariance allows for that: check the hand-eye '
                      'transform and the size of the mesh, or state larger errors', understated)
