@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of
-from pmcl_ros.simulation.scenes.broad_scene import Circle, Palette, viewing_way
+from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.materials import Medium
-from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.poses import Pose
+from pmcl_ros.simulation.scenes.objects import Circle, SceneObject
+from pmcl_ros.simulation.scenes.poses import Pose, random_heading
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import Texture
@@ -24,7 +24,7 @@ class Place:
     """An object at rest above the origin of a world (z up, its support z = 0), and a camera.
 
     item: the object. world: (4, 4), object to world. top: its height there [m]. camera: (4, 4),
-    world to camera. circles: footprints (`broad_scene.Circle`), the object's first. near: least
+    world to camera. circles: footprints (`objects.Circle`), the object's first. near: least
     distance of the camera [m]. empty: the object is not there.
     """
 
@@ -54,10 +54,8 @@ class Place:
 
     def facing(self, rng: np.random.Generator, spread: float) -> 'Frame':
         """Axes whose y leads away from the camera, within an angle [rad]; the world's z is up."""
-        ahead = viewing_way(self.camera)
-        angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-spread, spread)
-        return Frame(self.camera @ pose_of(Rotation.from_euler('z', angle - np.pi / 2),
-                                           np.zeros(3)))
+        turn = random_heading(rng, self.camera, spread) - np.pi / 2
+        return Frame(self.camera @ pose_of(Rotation.from_euler('z', turn), np.zeros(3)))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.random_scene import random_film
-from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
+from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
 _AHEAD = Rotation.from_euler('z', -np.pi / 2)  # of a frame whose y leads away from the robot
@@ -58,10 +58,8 @@ class WorkplaceLook:
         inside = to_camera @ pose
         middle = inside[:3, :3] @ np.mean([self.object.vertices.max(axis=0),
                                            self.object.vertices.min(axis=0)], axis=0)
-        x, y, z = (float(each) for each in inside[:3, 3] + middle)
-        side = float(np.ptp(self.object.vertices, axis=0).max())
-        seen = Target(self.object.vertices, self.object.faces, self.object.axis, inside, (x, y, z),
-                      (side,) * 3, False, self.object.discrete, self.object.appearance)
+        side = np.ptp(self.object.vertices, axis=0).max()
+        seen = self.object.target(inside, inside[:3, 3] + middle, np.full(3, side))
         return Scene(f'{self.place.kind}: {self.object.name}', (*target, *solids), tuple(sheets),
                      light, camera[:3, :3], sensor, (seen,),
                      (0,) * len(target) + (1,) * len(solids))

@@ -12,12 +12,19 @@ from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque, random_glass
 from pmcl_ros.simulation.scenes.objects import (
+    Circle,
     Finish,
     SceneObject,
     random_opaque,
     random_transparent,
 )
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above
+from pmcl_ros.simulation.scenes.poses import (
+    Pose,
+    camera_above,
+    random_heading,
+    standing_across,
+    viewing_way,
+)
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
     nearest_depth,
@@ -113,16 +120,6 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
                  sensor, targets, tuple(min(each, len(objects)) for each in owners))
 
 
-Circle = tuple[NDArray[np.float64], float]  # middle (2,) and radius of a footprint [m]
-
-
-def _footprint(item: SceneObject, rest: Pose) -> Circle:
-    """The circle on the table about an item at rest above the origin."""
-    flat = (item.vertices @ rest[:3, :3].T + rest[:3, 3])[:, :2]
-    middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
-    return middle, float(np.linalg.norm(flat - middle, axis=1).max())
-
-
 def beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
                        ) -> tuple[list[Pose], list[Circle]]:
     """Poses (4, 4), object to world, of the targets, and their footprints."""
@@ -130,7 +127,7 @@ def beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
     circles: list[Circle] = []
     for each in objects:
         rest = each.at_rest(rng)
-        middle, radius = _footprint(each, rest)
+        middle, radius = each.footprint(rest)
         spot = np.zeros(2)
         while any(np.linalg.norm(spot - other) < radius + reach for other, reach in circles):
             spot = spot + rng.normal(0, 0.05, 2)
@@ -251,7 +248,7 @@ def _spot(rng: np.random.Generator, item: SceneObject, rest: Pose, circles: list
     Its footprint is appended to `circles`. None where no place is found, or where it would be
     nearer than 10 cm to the camera.
     """
-    middle, radius = _footprint(item, rest)
+    middle, radius = item.footprint(rest)
     ahead = viewing_way(camera)
     eye = -camera[:3, :3].T @ camera[:3, 3]
     for _ in range(30):
@@ -283,11 +280,6 @@ def _film(rng: np.random.Generator, nearest: float) -> Sheet:
     if rng.random() < 0.35:
         film = replace(film, roughness=float(np.exp(rng.uniform(np.log(0.001), np.log(0.02)))))
     return film
-
-
-def viewing_way(camera: Pose) -> NDArray[np.float64]:
-    """(2,) the way along the table in which the camera looks."""
-    return np.asarray(camera[2, :2] / max(float(np.linalg.norm(camera[2, :2])), 1e-9))
 
 
 def broad_room(rng: np.random.Generator, camera: Pose, palette: Palette, circles: list[Circle]
@@ -333,12 +325,10 @@ def broad_room(rng: np.random.Generator, camera: Pose, palette: Palette, circles
 def _wall(rng: np.random.Generator, camera: Pose, palette: Palette, circles: list[Circle]
           ) -> Sheet:
     """Upright, behind everything on the table."""
-    ahead = viewing_way(camera)
-    angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-0.6, 0.6)
-    way = np.array([np.cos(angle), np.sin(angle)])
+    heading = random_heading(rng, camera, 0.6)
+    way = np.array([np.cos(heading), np.sin(heading)])
     behind = max(float(at @ way) + radius for at, radius in circles)
     away = behind + np.exp(rng.uniform(np.log(0.02), np.log(2.0)))
-    upright = Rotation.from_matrix(np.stack(
-        [[-way[1], way[0], 0], [0, 0, 1], [way[0], way[1], 0]], axis=1))
-    return Sheet(camera @ pose_of(upright, np.append(away * way, 0.5)), (8.0, 3.0),
-                 palette.texture(), float(np.exp(rng.uniform(np.log(0.2), np.log(2.0)))))
+    return Sheet(camera @ pose_of(standing_across(heading), np.append(away * way, 0.5)),
+                 (8.0, 3.0), palette.texture(),
+                 float(np.exp(rng.uniform(np.log(0.2), np.log(2.0)))))

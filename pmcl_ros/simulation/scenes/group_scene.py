@@ -12,7 +12,12 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.environment import random_environment
-from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
+from pmcl_ros.simulation.scenes.objects import (
+    Circle,
+    SceneObject,
+    random_opaque,
+    random_transparent,
+)
 from pmcl_ros.simulation.scenes.poses import Pose, camera_above
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
@@ -75,10 +80,7 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings,
     origins = np.array([each[:3, 3] for each in poses])
     low = origins.min(axis=0) - rng.uniform(0.03, 0.06, 3)
     high = origins.max(axis=0) + rng.uniform(0.03, 0.06, 3)
-    x, y, z = ((low + high) / 2).tolist()
-    width, height, depth = (high - low).tolist()
-    targets = tuple(Target(each.vertices, each.faces, each.axis, pose, (x, y, z),
-                           (width, height, depth), False, each.discrete, each.appearance)
+    targets = tuple(each.target(pose, (low + high) / 2, high - low)
                     for each, pose in zip(objects, poses, strict=True))
     scene = Scene(', '.join(each.name for each in objects), tuple(solids), tuple(sheets),
                   random_environment(rng), camera[:3, :3].T, sensor, targets, tuple(owners))
@@ -88,12 +90,10 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings,
 def _beside_each_other(rng: np.random.Generator, objects: Sequence[SceneObject]) -> list[Pose]:
     """Poses (4, 4), object to world: each beside an earlier one, their footprints apart."""
     worlds: list[Pose] = []
-    circles: list[tuple[NDArray[np.float64], float]] = []
+    circles: list[Circle] = []
     for each in objects:
         rest = each.at_rest(rng)
-        footprint = (each.vertices @ rest[:3, :3].T)[:, :2]
-        middle = (footprint.min(axis=0) + footprint.max(axis=0)) / 2
-        radius = float(np.linalg.norm(footprint - middle, axis=1).max())
+        middle, radius = each.footprint(rest)
         spot = np.zeros(2)
         while any(np.linalg.norm(spot - other) < radius + reach + _GAP[0]
                   for other, reach in circles):

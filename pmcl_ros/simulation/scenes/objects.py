@@ -12,7 +12,7 @@ from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.simulation.scenes.materials import Medium, Opaque, random_glass, random_liquid
 from pmcl_ros.simulation.scenes.poses import Pose, resting
-from pmcl_ros.simulation.scenes.scene import Sheet, Solid
+from pmcl_ros.simulation.scenes.scene import Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.shapes.vessels import Vessel, outer_mesh, random_vessel
@@ -21,6 +21,7 @@ from pmcl_ros.simulation.scenes.textures import random_texture
 _WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}  # probabilities
 
 Finish = Callable[[np.random.Generator], Opaque]
+Circle = tuple[NDArray[np.float64], float]  # middle (2,) and radius of a footprint [m]
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,19 @@ class SceneObject:
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
         """Its solids with the object at a pose (4, 4), object to camera."""
         return tuple(replace(each, pose=pose @ each.pose) for each in self.solids)
+
+    def footprint(self, rest: Pose) -> Circle:
+        """The circle on the table about the object at a pose of `at_rest`."""
+        flat = (self.vertices @ rest[:3, :3].T + rest[:3, 3])[:, :2]
+        middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
+        return middle, float(np.linalg.norm(flat - middle, axis=1).max())
+
+    def target(self, pose: Pose, roi_center: NDArray[np.float64], roi_size: NDArray[np.float64],
+               empty: bool = False) -> Target:
+        """It to be localised at a pose (4, 4), object to camera. The rest as of `Target`."""
+        (x, y, z), (width, height, depth) = roi_center.tolist(), roi_size.tolist()
+        return Target(self.vertices, self.faces, self.axis, pose, (x, y, z),
+                      (width, height, depth), empty, self.discrete, self.appearance)
 
 
 def random_transparent(rng: np.random.Generator, walls: tuple[float, float] = (0.0012, 0.005)

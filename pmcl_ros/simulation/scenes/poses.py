@@ -1,4 +1,4 @@
-"""Poses: objects at rest on a table, and a camera above it."""
+"""Poses: objects at rest on a table, a camera above it, and what stands behind them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,3 +50,20 @@ def camera_above(rng: np.random.Generator, aim: NDArray[np.floating], distance: 
                * Rotation.from_euler('z', rng.normal(0, roll)) * Rotation.from_matrix(rows))
     place = np.asarray(aim) + distance * back
     return pose_of(looking, -looking.apply(place))
+
+
+def viewing_way(camera: Pose) -> NDArray[np.float64]:
+    """(2,) the way along the table in which a camera (4, 4), world to camera, looks."""
+    return np.asarray(camera[2, :2] / max(float(np.linalg.norm(camera[2, :2])), 1e-9))
+
+
+def random_heading(rng: np.random.Generator, camera: Pose, spread: float) -> float:
+    """Draw an angle about the world's z: that of `viewing_way`, up to a spread off [rad]."""
+    x, y = viewing_way(camera)
+    return float(np.arctan2(y, x) + rng.uniform(-spread, spread))
+
+
+def standing_across(heading: float) -> Rotation:
+    """Turns a `Sheet` upright on the table, its z at an angle about the world's z [rad]."""
+    x, y = np.cos(heading), np.sin(heading)
+    return Rotation.from_matrix(np.stack([[-y, x, 0], [0, 0, 1], [x, y, 0]], axis=1))

@@ -21,7 +21,14 @@ from pmcl_ros.simulation.scenes.objects import (
     random_opaque,
     random_transparent,
 )
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, resting
+from pmcl_ros.simulation.scenes.poses import (
+    Pose,
+    camera_above,
+    random_heading,
+    resting,
+    standing_across,
+    viewing_way,
+)
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 from pmcl_ros.simulation.scenes.shapes.blocks import random_block
@@ -176,9 +183,8 @@ def random_target(rng: np.random.Generator, of: SceneObject, pose: Pose, side: f
                   ) -> Target:
     """An object at a pose, with a region of interest of a side [m] about it, up to 0.2 sides off.
     """
-    x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
-    return Target(of.vertices, of.faces, of.axis, pose, (x, y, z), (side,) * 3, empty,
-                  of.discrete, of.appearance)
+    off = 0.2 * side * rng.uniform(-1, 1, 3)
+    return of.target(pose, pose[:3, 3] + off, np.full(3, side), empty)
 
 
 def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
@@ -186,12 +192,8 @@ def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
     turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     table = Sheet(camera @ pose_of(turn, np.zeros(3)), (_TABLE, _TABLE), random_texture(rng),
                   float(rng.uniform(0.2, 0.6)))
-    ahead = camera[2, :2] / np.linalg.norm(camera[2, :2])  # the optical axis along the table
-    angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-0.5, 0.5)
-    upright = Rotation.from_matrix(np.stack(
-        [[-np.sin(angle), np.cos(angle), 0], [0, 0, 1], [np.cos(angle), np.sin(angle), 0]],
-        axis=1))
-    middle = rng.uniform(0.14, 1.2) * np.append(ahead, 0) + [0, 0, 0.75]
+    upright = standing_across(random_heading(rng, camera, 0.5))
+    middle = rng.uniform(0.14, 1.2) * np.append(viewing_way(camera), 0) + [0, 0, 0.75]
     wall = Sheet(camera @ pose_of(upright, middle), (_TABLE, 1.5), random_texture(rng),
                  float(rng.uniform(0.3, 1.0)))
     return [table, wall]
