@@ -201,18 +201,9 @@ class Worker:
         seconds = time.perf_counter() - started
         if self._stopped():
             return None
-        of_poses: dict[str, float] = {}
-        if job.sought.object == capture.object and not capture.truth.empty:
-            poses = np.stack([estimate.pose, capture.truth.pose])
-            if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume):
-                found, truth = localizer.evidence(evidence_of(estimate, evidence), poses).tolist()
-                of_poses = {'evidence_found': found, 'evidence_truth': truth}
-            if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
-                found, truth = localizer.evidence(evidence, poses).tolist()
-                bound = localizer.bound(evidence, capture.truth.pose)[:3, :3]
-                of_poses = {'evidence_found': found, 'evidence_truth': truth,
-                            'bound_mm': 1e3 * math.sqrt(np.trace(bound))}
         truth_pose = capture.truth.pose
+        of_poses = (_by_evidence(localizer, evidence, estimate, truth_pose)
+                    if job.sought.object == capture.object and not capture.truth.empty else {})
         if isinstance(source, PosedViews):  # errors are told in the frame of the first camera
             into = np.asarray(np.linalg.inv(source.views[0].camera_to_reference), float)
             estimate, truth_pose = estimate.in_frame(into), into @ truth_pose
@@ -228,6 +219,31 @@ class Worker:
     @cached_property
     def _decoders(self) -> Decoders | None:
         return None if self._camera is None else Decoders(*self._camera)
+
+
+def evidence_beside_truth(localizer: AnyLocalizer[PoseEstimate], evidence: Evidence,
+                          estimate: PoseEstimate, truth: NDArray[np.float64]
+                          ) -> NDArray[np.float64] | None:
+    """(2,) of the pose found and the true one (4, 4) [nat]; None: the mode faithful has none."""
+    poses = np.stack([estimate.pose, truth])
+    if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume):
+        return localizer.evidence(evidence_of(estimate, evidence), poses)
+    if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
+        return localizer.evidence(evidence, poses)
+    return None
+
+
+def _by_evidence(localizer: AnyLocalizer[PoseEstimate], evidence: Evidence,
+                 estimate: PoseEstimate, truth: NDArray[np.float64]) -> dict[str, float]:
+    """The fields of a trial that evidence at the true pose (4, 4) gives."""
+    both = evidence_beside_truth(localizer, evidence, estimate, truth)
+    if both is None:
+        return {}
+    fields = dict(zip(('evidence_found', 'evidence_truth'), both.tolist(), strict=True))
+    if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
+        bound = localizer.bound(evidence, truth)[:3, :3]
+        fields['bound_mm'] = 1e3 * math.sqrt(np.trace(bound))
+    return fields
 
 
 @lru_cache(maxsize=64)

@@ -2,27 +2,19 @@
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.evaluation.trials import Trial, evidence_beside_truth
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source, read_source
-from pmcl_ros.pipeline import Pipeline, Run
-from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import FileError
 from pmcl_ros.runtime.outputs import Results
@@ -114,33 +106,20 @@ def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, se
     with Pipeline.for_object(model, settings, posed=posed) as pipeline:
         run = pipeline.run(lambda: source, np.random.default_rng(seed))
         seconds = time.perf_counter() - started
-        true_pose = np.asarray(target if posed else into @ target)
-        gap = _gap(pipeline, run, true_pose)
+        both = evidence_beside_truth(pipeline.localizer, run.evidence, run.estimate,
+                                     np.asarray(target if posed else into @ target))
+        assert both is not None
     estimate = run.estimate.in_frame(into) if posed else run.estimate
     seen = np.asarray(into @ target)
     trial = Trial.judge(estimate, seen, model, capture=truth.name, mode=chosen.name, seed=seed,
                         seconds=seconds)
-    extra: Mapping[str, Any] = {
-        'distance': float(np.linalg.norm(seen[:3, 3])), 'gap': gap,
+    extra = {
+        'distance': float(np.linalg.norm(seen[:3, 3])), 'gap': float(both[0] - both[1]),
         'across_mm': float(np.sqrt(max(trial.translation_mm ** 2 - trial.ray_mm ** 2, 0))),
         'truth': seen[:3].ravel().tolist(), 'picture': chosen.pictures[0]}
-    return Trial(**{**asdict(trial), 'extra': dict(extra)})
+    return replace(trial, extra=extra)
 
 
 def _alone(view: PosedView) -> PosedView:
     """The picture in the frame of its own camera."""
     return PosedView(view.header, view.picture, view.pinhole, np.eye(4))
-
-
-def _gap(pipeline: Pipeline[PoseEstimate], run: Run[PoseEstimate], truth: NDArray[np.float64]
-         ) -> float:
-    poses = np.stack([run.estimate.pose, truth])
-    localizer, evidence = pipeline.localizer, run.evidence
-    if isinstance(localizer, MultiViewLocalizer):
-        assert isinstance(evidence, ViewsEvidence)
-        found, true = localizer.evidence(evidence, poses)
-        return float(found - true)
-    assert isinstance(localizer, Localizer)
-    assert isinstance(evidence, EvidenceVolume)
-    found, true = localizer.evidence(evidence_of(run.estimate, evidence), poses)
-    return float(found - true)
