@@ -31,7 +31,8 @@ from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
 from pmcl_ros.evaluation.captures import Capture, find_captures, select
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
-from pmcl_ros.evaluation.results import by_row, markdown, pictures
+from pmcl_ros.evaluation.result_charts import pictures
+from pmcl_ros.evaluation.results import by_row, markdown
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep

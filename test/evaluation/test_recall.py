@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation import recall
-from pmcl_ros.evaluation.results import markdown, misses_table, pictures
+from pmcl_ros.evaluation.result_charts import pictures
+from pmcl_ros.evaluation.results import markdown, misses_table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.symmetry import Symmetry
