@@ -267,7 +267,7 @@ def main() -> int:
                               'shared memory is full': _SHARED, 'the disk is full': _LOGS,
                           } if options.full_disks else {})
             violations = result.violations(options.flood)
-            report = [*result.markdown(), '', *(violations or ['All as it must be.'])]
+            report = [result.markdown(), '', *(violations or ['All as it must be.'])]
             page.write_text('\n'.join(report) + '\n')
             record.write_text(json.dumps(
                 asdict(result) | {'violations': violations, 'arguments': sys.argv[1:],

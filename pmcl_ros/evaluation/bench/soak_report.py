@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
+from pmcl_ros.evaluation.results import table
+
 # On their way at once: one is searched, one is decoded or waits. A third could overtake.
 UNDER_WAY = 2
 # MB that a process may have grown: less than three raw pictures; one that was kept at each capture
@@ -111,7 +113,7 @@ class Soak:
         return np.array(self.after[-len(measured):], np.int64) - started
 
     @property
-    def slopes(self) -> dict[str, 'Slope']:
+    def slopes(self) -> dict[str, Slope]:
         """How the memory of a process grows in the later half of a long run.
 
         In the first half what is kept for the next time still grows. The slope is the median of
@@ -128,7 +130,7 @@ class Soak:
                 found[name] = Slope(float(slope), float(low), float(high))
         return found
 
-    def markdown(self) -> list[str]:
+    def markdown(self) -> str:
         """A table."""
         missing = self.captures - self.poses
         rows = [('captures, poses, lost', f'{self.captures}, {self.poses}, {self.lost}'),
@@ -151,4 +153,4 @@ class Soak:
         rows += [(f'disturbance: {what}', f'{count} times')
                  for what, count in self.disturbances.items()]
         rows.append(('left in /dev/shm', str(len(self.left))))
-        return ['| what | result |', '|---|---|', *(f'| {name} | {each} |' for name, each in rows)]
+        return table(['what', 'result'], rows)

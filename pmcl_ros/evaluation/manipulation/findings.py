@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pmcl_ros.evaluation.recall import interval
+from pmcl_ros.evaluation.results import number
 from pmcl_ros.simulated_robot.trial import ManipulationTrial
 
 HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose',
@@ -42,9 +43,5 @@ def _row(trials: Sequence[ManipulationTrial]) -> list[str]:
     times = [each.times[_TIME] for each in trials if _TIME in each.times]
     middle, late = np.percentile(times, [50, 95]) if times else (np.nan, np.nan)
     return [str(len(trials)), str(sum(done)), f'{100 * low:.0f} to {100 * high:.0f} %',
-            str(sum(each.wrong_grips for each in trials)), _number(distance), _number(angle),
-            _number(max(each.largest_touch for each in trials)), _number(middle), _number(late)]
-
-
-def _number(value: float) -> str:
-    return f'{value:.1f}' if np.isfinite(value) else ''
+            str(sum(each.wrong_grips for each in trials)), *(number(each, '') for each in (
+                distance, angle, max(each.largest_touch for each in trials), middle, late))]

@@ -14,6 +14,7 @@ from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.drawing.charts import Chart, Line, draw, picture
 from pmcl_ros.drawing.frames_picture import frames_figure
+from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.lemma import BACK, FRONT, counterexample, printed
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -130,8 +131,7 @@ def layers_table() -> str:
     apart = (0, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2)
     rows = [(0.5, 1, 0.01), (0.35, 1, 0.01), (0.2, 1, 0.01), (0.35, 0.7, 0.01),
             (0.35, 2, 0.01), (0.35, 1, 0.03)]
-    lines = ['| alpha | texture | noise | one layer | ' + ' | '.join(map(str, apart[1:])) + ' |',
-             '|---' * (3 + len(apart)) + '|']
+    lines = []
     for alpha, scale, noise in rows:
         cells = [f'{alpha}', f'{scale} px', f'{noise}']
         for each in apart:
@@ -139,8 +139,8 @@ def layers_table() -> str:
                      for source in _SOURCES]
             cells.append(' / '.join(f'{100 * (one.both if each else one.several):.0f}'
                                     for one in found))
-        lines.append('| ' + ' | '.join(cells) + ' |')
-    return '\n'.join(lines)
+        lines.append(cells)
+    return table(['alpha', 'texture', 'noise', 'one layer', *map(str, apart[1:])], lines)
 
 
 def frames() -> NDArray[np.uint8]:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation.recall import share_with_interval
-from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.results import table_and_list
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.grasps.revolution import Profile
@@ -221,8 +221,7 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
         lines.append(f'{name}: within 5 mm and 5 degrees in {share_with_interval(near)}, '
                      f'claimed too in {share_with_interval(claimed)}; '
                      f'median error {np.median(off):.2f} mm')
-    return '\n'.join([table(_HEAD, [_cells(each) for each in trials]), '',
-                      *(f'- {line}' for line in lines)])
+    return table_and_list(_HEAD, [_cells(each) for each in trials], lines)
 
 
 def _is_near(trial: Trial | None) -> bool:

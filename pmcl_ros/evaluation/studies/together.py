@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pmcl_ros.drawing.pictures import contact_sheet, displayed, outlines
 from pmcl_ros.drawing.view_overlay import outlines_in_view
 from pmcl_ros.evaluation.recall import median, share
-from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.results import table_and_list
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.geometry.pose_error import RIGHT_BOUNDS
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -152,8 +152,7 @@ def summary(scenes: Sequence[Together]) -> str:
         f'{_share([each.together[-1].lost for each in scenes])}, alone '
         f'{_share([each.alone[-1].lost for each in scenes])}',
         f'median time {np.median([each.seconds for each in scenes]):.1f} s']
-    return '\n'.join([table(_HEAD, [_cells(each) for each in scenes]), '',
-                      *(f'- {line}' for line in lines)])
+    return table_and_list(_HEAD, [_cells(each) for each in scenes], lines)
 
 
 def _ranks(name: str, trials: Sequence[Trial]) -> str:

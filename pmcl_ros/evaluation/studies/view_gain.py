@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.recall import median, share_with_interval
-from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.results import table_and_list
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
@@ -132,8 +132,7 @@ def summary(scenes: Sequence[ViewGain]) -> str:
     lines = [f'{len(scenes)} scenes; the first two views find the object in '
              f'{share_with_interval([each.begun for each in scenes])}; wrong: {wrong}',
              *_lines('these', begun), *_lines('all', scenes)]
-    return '\n'.join([table(_HEAD, [_cells(each) for each in scenes]), '',
-                      *(f'- {line}' for line in lines)])
+    return table_and_list(_HEAD, [_cells(each) for each in scenes], lines)
 
 
 def _lines(name: str, scenes: Sequence[ViewGain]) -> list[str]:

@@ -49,8 +49,7 @@ def test_the_slope_does_not_depend_on_a_peak():
 
 
 def test_the_table_has_ten_measurements_and_the_most():
-    table = '\n'.join(soaked(seconds=1, after=SHORT,
-                             memory={'node': [900.0] * 39 + [950.0]}).markdown())
+    table = soaked(seconds=1, after=SHORT, memory={'node': [900.0] * 39 + [950.0]}).markdown()
     row, = (each for each in table.splitlines() if 'node: MB after' in each)
     assert row.endswith(f'| {"900, " * 9}950 |')
     assert 'least and most | 900, 950' in table
