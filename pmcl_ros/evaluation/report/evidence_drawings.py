@@ -1,10 +1,9 @@
 """Drawings of the evidence along a contour."""
 
-
 import numpy as np
 
 from pmcl_ros.drawing.pictures import displayed
-from pmcl_ros.evaluation.report.figure import Figure
+from pmcl_ros.evaluation.report.html import Figure
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.svg import axes, dots, lines, over, svg
 from pmcl_ros.lightfield.light_field import LightField

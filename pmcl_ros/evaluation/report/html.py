@@ -1,7 +1,7 @@
-"""Templates and pictures as HTML that loads nothing from outside."""
+"""Templates, pictures and figures as HTML that loads nothing from outside."""
 
 import base64
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import jinja2
@@ -10,6 +10,14 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 _HERE = 'pmcl_ros.evaluation.report'
+
+
+class Figure(NamedTuple):
+    """A drawing and its caption. wide: as wide as the page lets it be."""
+
+    drawing: Markup
+    caption: str
+    wide: bool = False
 
 
 def rendered(template: str, package: str = _HERE, /, **values: Any) -> str:

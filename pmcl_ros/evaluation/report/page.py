@@ -22,7 +22,7 @@ from pmcl_ros.evaluation.report import (
 )
 from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.evaluation.report.localization import Localization
-from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
+from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.history import Stage
@@ -202,7 +202,7 @@ def _search(run: Localization) -> list[list[str]]:
     rows = []
     for (stage, generations), seconds in zip(stages, spent, strict=True):
         last = generations[-1]
-        apart = spread(last.poses)
+        apart = search_drawings.spread(last.poses)
         rows.append([_STAGES[stage], f'{len(generations)}', f'{len(last.poses)}',
                      f'{1e3 * apart.across:.2f}', f'{1e3 * apart.along:.2f}',
                      f'{np.max(last.scores):.4g}', f'{1e3 * seconds:.0f}'])

@@ -1,4 +1,4 @@
-"""The posterior about the estimate, in millimetres and degrees; the spread of a search."""
+"""The posterior about the estimate, in millimetres and degrees."""
 
 from typing import NamedTuple
 
@@ -59,20 +59,3 @@ def tilts(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.fl
         inside = np.array([1.0, 0, 0]) - spindle * spindle[0]
     inside = inside / np.linalg.norm(inside)
     return np.stack([inside, np.cross(inside, spindle)])
-
-
-class Spread(NamedTuple):
-    """Standard deviations of the particles' places [m], across and along the line of sight."""
-
-    across: float
-    along: float
-
-
-def spread(poses: NDArray[np.float64]) -> Spread:
-    """Of poses (n, 4, 4); across is the root mean square of the two directions."""
-    places = poses[:, :3, 3]
-    mean = places.mean(axis=0)
-    ray = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    along = (places - mean) @ ray
-    rest = ((places - mean) ** 2).sum(axis=1) - along ** 2
-    return Spread(float(np.sqrt(max(rest.mean(), 0) / 2)), float(along.std()))

@@ -7,7 +7,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from pmcl_ros.evaluation.report.figure import Figure
+from pmcl_ros.evaluation.report.html import Figure
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates
 from pmcl_ros.evaluation.report.svg import axes, colour, dots, lines, svg

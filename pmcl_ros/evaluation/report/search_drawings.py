@@ -1,6 +1,7 @@
 """Drawings of the search: poses of each stage, and how they narrow."""
 
 from itertools import groupby
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -9,13 +10,29 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from pmcl_ros.drawing.pictures import displayed
-from pmcl_ros.evaluation.report.figure import Figure
+from pmcl_ros.evaluation.report.html import Figure
 from pmcl_ros.evaluation.report.localization import Localization
-from pmcl_ros.evaluation.report.posterior import spread
 from pmcl_ros.evaluation.report.svg import axes, colour, dots, lines, over, svg
 from pmcl_ros.pmcl.history import Generation, Stage
 
 _THIN = 0.8  # px
+
+
+class Spread(NamedTuple):
+    """Standard deviations of the particles' places [m], across and along the line of sight."""
+
+    across: float
+    along: float
+
+
+def spread(poses: NDArray[np.float64]) -> Spread:
+    """Of poses (n, 4, 4); across is the root mean square of the two directions."""
+    places = poses[:, :3, 3]
+    mean = places.mean(axis=0)
+    ray = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    along = (places - mean) @ ray
+    rest = ((places - mean) ** 2).sum(axis=1) - along ** 2
+    return Spread(float(np.sqrt(max(rest.mean(), 0) / 2)), float(along.std()))
 
 
 def stage_map(run: Localization, stage: Stage, name: str) -> Figure | None:

@@ -87,14 +87,10 @@ def volume_slice(volume: DepthLikelihoodVolume, along: Along, pixel: int) -> NDA
 
 
 class EpipolarSlice(NamedTuple):
-    """pixels: (views, length, 3) uint8, as shown. positions: (views,) of the views [view steps].
-
-    along: the axis of the image and of the aperture.
-    """
+    """pixels: (views, length, 3) uint8, as shown. positions: (views,) of these [view steps]."""
 
     pixels: NDArray[np.uint8]
     positions: NDArray[np.float64]
-    along: Along
 
 
 def epipolar_slice(light_field: LightField, along: Along, pixel: int) -> EpipolarSlice:
@@ -113,7 +109,7 @@ def epipolar_slice(light_field: LightField, along: Along, pixel: int) -> Epipola
                                      light_field.grid.weights[:, column])
     lit = weights > 0
     shown = light_field.colour.displayed(views[lit], light_field.gamma)
-    return EpipolarSlice(shown, positions[lit], along)
+    return EpipolarSlice(shown, positions[lit])
 
 
 def track(grid: ViewGrid, along: Along, pixel: float, depth: float,

@@ -1,6 +1,5 @@
 """Drawings of slices: epipolar ones of a light field, and of a volume."""
 
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import depth_picture
-from pmcl_ros.evaluation.report.figure import Figure
+from pmcl_ros.evaluation.report.html import Figure
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.slices import (
     Along,

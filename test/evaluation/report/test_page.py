@@ -14,7 +14,8 @@ from runs import MODEL, field, run, settings, truth_of
 from pmcl_ros.dlv.volume import CameraPose
 from pmcl_ros.evaluation.report.evidence_drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
-from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
+from pmcl_ros.evaluation.report.posterior import coordinates, tilts
+from pmcl_ros.evaluation.report.search_drawings import spread
 from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.pose_error import pose_error
