@@ -17,6 +17,7 @@ from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
 from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -113,7 +114,8 @@ def _worst(of: Feasibility) -> list[tuple[Markup, str]]:
     return shown
 
 
-def _picture(folder: Path, trial: Trial):  # type: ignore[no-untyped-def]
+def _picture(folder: Path, trial: Trial) -> tuple[NDArray[np.uint8], Pinhole]:
+    """The picture in whose frame the trial's poses are."""
     source = read_source(folder / f'{trial.seed:06d}')
     if isinstance(source, PosedViews):
         source = source.views[trial.extra['picture']]
