@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmcl_ros.runtime.errors import VolumeError
-
 FRONT, BACK, NEITHER = range(3)  # the depths at which the second view is looked at
 
 
@@ -23,22 +21,11 @@ class Mixture:
     shares: (..., surfaces), the paper's alpha; they sum to 1 along each ray.
     means: (..., surfaces, channels), the colour of each surface.
     sigma: (channels,), the spread of a channel, the same for every surface in the scene.
-    Raises VolumeError when shapes do not match, shares do not sum to 1, or sigma is not positive.
     """
 
     shares: NDArray[np.float64]
     means: NDArray[np.float64]
     sigma: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        if self.means.shape[-2:] != (self.shares.shape[-1], *self.sigma.shape):
-            raise VolumeError(f'means {self.means.shape} do not match shares {self.shares.shape} '
-                              f'and sigma {self.sigma.shape}; expected (..., surfaces, channels), '
-                              '(..., surfaces) and (channels,)')
-        if not np.allclose(self.shares.sum(axis=-1), 1) or (self.shares < 0).any():
-            raise VolumeError(f'shares {self.shares.tolist()} must be positive or 0 and sum to 1')
-        if not (np.isfinite(self.sigma).all() and (self.sigma > 0).all()):
-            raise VolumeError(f'sigma {self.sigma.tolist()} must be positive')
 
 
 def squared_distance(one: Mixture, other: Mixture) -> NDArray[np.float64]:
