@@ -72,11 +72,9 @@ def _run(address: Address, pid: int, raws: list[bytes], captures: int, clean: fl
         for number in range(captures):
             if number == min(max(2 * _SOURCES, captures // 10), captures - 1):
                 before = {name: Usage.from_pid(each) for name, each in processes.items()}
-            picture = client.capture()
-            started = time.perf_counter()
-            raw, _ = client.fetch(picture)
-            rates.append(len(raw) / 1e6 / (time.perf_counter() - started))
-            identities.add(picture.id)
+            identity, raw, rate = _next(client)
+            rates.append(rate)
+            identities.add(identity)
             intact += raw == raws[number % len(raws)]
         after = {name: Usage.from_pid(each) for name, each in processes.items()}
     return DriverBench(
@@ -86,15 +84,20 @@ def _run(address: Address, pid: int, raws: list[bytes], captures: int, clean: fl
         {name: after[name].descriptors - before[name].descriptors for name in processes})
 
 
-def _rate(client: LytroClient, expected: bytes) -> float:
-    """The rate of the next download [MB/s]."""
+def _next(client: LytroClient) -> tuple[str, bytes, float]:
+    """Take a picture: its id, its bytes, the rate of its download [MB/s]."""
     picture = client.capture()
     started = time.perf_counter()
     raw, _ = client.fetch(picture)
-    seconds = time.perf_counter() - started
+    return picture.id, raw, len(raw) / 1e6 / (time.perf_counter() - started)
+
+
+def _rate(client: LytroClient, expected: bytes) -> float:
+    """The rate of the next download [MB/s]; CameraError for other bytes than expected."""
+    identity, raw, rate = _next(client)
     if raw != expected:
-        raise CameraError(f'{picture.id} arrived with wrong bytes')
-    return len(raw) / 1e6 / seconds
+        raise CameraError(f'{identity} arrived with wrong bytes')
+    return rate
 
 
 def _write_captures(folder: Path, side: int, seed: int) -> list[bytes]:
