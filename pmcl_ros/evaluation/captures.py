@@ -100,9 +100,9 @@ class Capture:
         """Whether it is of posed views; or of a bag, which is not looked into."""
         return is_bag(self.source) or has_posed_views(self.source)
 
-    def light_field(self, decoders: Decoders | None = None) -> LightField:
-        """The views, as `read` makes them; SettingsError for an ordinary picture."""
-        read = self.read(decoders)
+    def light_field(self) -> LightField:
+        """The views of a light field; SettingsError for a raw or an ordinary picture."""
+        read = self.read(None)
         if not isinstance(read, LightField):
             raise SettingsError(f'{self.source} is a picture of an ordinary camera; a light field '
                                 'is needed here')
