@@ -11,6 +11,7 @@ from pmcl_ros.camera.files import read_picture
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.evaluation.bench.checkout import BAG, CALIBRATION, WHITE, object_in
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
@@ -24,7 +25,6 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
-_ROOT = Path(__file__).parents[3]
 _WANTED = {'pose': 1000.0, 'total': 1500.0}  # ms, on two quiet cores
 
 
@@ -51,23 +51,21 @@ class ChainBench:
                 f'{self.evaluations} poses scored, {self.error_mm:.1f} mm from the truth at most']
 
 
-def bench_chain(repeats: int = 9, bag: Path = _ROOT / 'bags' / 'wine_glass') -> ChainBench:
+def bench_chain(repeats: int = 9, bag: Path = BAG) -> ChainBench:
     """The raw picture of a shipped bag: packed bytes to views, evidence and pose.
 
     The decoder and the localizer are made before, as nodes make them when they are configured, and
     kernels are compiled. The settings choose the back ends. Each run has another seed. Raises
     SettingsError where the bag or its calibration is missing, as beside an installed package.
     """
-    calibration, white = (_ROOT / 'config' / 'cameras' / name
-                          for name in ('demo.yaml', 'demo_white.RAW.xz'))
-    model_path = _ROOT / 'models' / f'{bag.name}.obj'
-    for path in (bag, calibration, white, model_path):
+    mesh = object_in(bag)
+    for path in (bag, CALIBRATION, WHITE, mesh):
         if not path.exists():
             raise SettingsError(f'there is no {path}: this bench wants a checkout of the sources')
     raw, text = _picture(bag)
-    truth, model = Truth.load(bag / 'truth.json'), ObjectModel.load(model_path)
+    truth, model = Truth.load(bag / 'truth.json'), ObjectModel.load(mesh)
     settings = PmclSettings(roi_center=truth.roi_center, roi_size=truth.roi_size)
-    decoders = Decoders(Calibration.load(calibration), white)
+    decoders = Decoders(Calibration.load(CALIBRATION), WHITE)
     runs, estimates = [], []
     with Pipeline.for_object(model, settings) as pipeline:
         once = partial(_run, raw, text, decoders, pipeline)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
+from pmcl_ros.evaluation.bench.checkout import BAG, CALIBRATION, QUICK, WHITE, object_in
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
@@ -32,11 +33,7 @@ from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.ros_domain import own_domain
 
-_ROOT = Path(__file__).parents[3]
-_CALIBRATION = _ROOT / 'config' / 'cameras' / 'demo.yaml'
-_QUICK = {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}
 _PLAIN = {'interpolation': 'neutral', 'truncate': False, 'view_weights': 'light'}
-_WHITE = _ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz'
 
 
 def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict[str, object]:
@@ -57,18 +54,19 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
         raw.parent.mkdir()
         write_picture(raw, pack12(frame.counts), frame.metadata.text)
         truth = Truth.load(bag / 'truth.json')
-        model = ObjectModel.load(_ROOT / 'models' / f'{bag.name}.obj')
-        pmcl = PmclSettings.make({'object': str(_ROOT / 'models' / f'{bag.name}.obj'),
+        mesh = object_in(bag)
+        model = ObjectModel.load(mesh)
+        pmcl = PmclSettings.make({'object': str(mesh),
                                   'roi_center': truth.roi_center, 'roi_size': truth.roi_size,
-                                  **(_QUICK if quick else {})})
-        decoders = Decoders(Calibration.load(_CALIBRATION), _WHITE)
+                                  **(QUICK if quick else {})})
+        decoders = Decoders(Calibration.load(CALIBRATION), WHITE)
         random = np.random.default_rng(pmcl.seed)
         # The nodes make the volume as in the mode default, in both modes.
         with Pipeline.for_object(model, pmcl, _PLAIN) as pipeline:
             dlv = pipeline.settings_for(decoders.decoder_for(frame.metadata).grid)
             parameters: dict[str, dict[str, Any]] = {
                 'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
-                'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
+                'subaperture_node': {'calibration': str(CALIBRATION), 'white': str(WHITE)},
                 'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}
 
             # As the node publishes it: its frame does not turn between captures.
@@ -122,7 +120,7 @@ def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass')
+    parser.add_argument('--bag', type=Path, default=BAG)
     parser.add_argument('--captures', type=int, default=20)
     parser.add_argument('--processes', action='store_true', help='a process for each node')
     parser.add_argument('--quick', action='store_true', help='hardly a search')

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pmcl_ros.evaluation.bench.checkout import ROOT
 from pmcl_ros.nodes.runtime.shared_memory import VARIABLE
 from pmcl_ros.runtime.errors import PmclError
 
@@ -55,7 +56,7 @@ def bench_transport(messages: int = 200) -> TransportBench:
     """Send `messages` volumes of 328x328x75 each way; BenchError without ROS."""
     bare = {name: value for name, value in os.environ.items() if name != VARIABLE}
     bare.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    profile = Path(__file__).parents[3] / _PROFILE
+    profile = ROOT / _PROFILE
     if not profile.is_file():
         raise BenchError(f'there is no {profile}: run the bench from the source tree')
     by_default, by_profile = (

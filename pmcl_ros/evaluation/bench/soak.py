@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from pmcl_ros.camera.simulated.server import served
+from pmcl_ros.evaluation.bench.checkout import BAG, CALIBRATION, QUICK, WHITE, object_in
 from pmcl_ros.evaluation.bench.soak_report import UNDER_WAY, Soak
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
@@ -39,7 +40,6 @@ from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.runtime.usage import Usage, files_shared_without, shared_files
 
-_ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)
 _SHARED = Path('/dev/shm')
 _LOGS = _SHARED / 'logs'  # a disk of its own
@@ -52,7 +52,7 @@ _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
 _PARTS = 40  # times that the graph runs empty and its processes are measured
 _QUICK: dict[str, dict[str, Any]] = {
     'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
-    'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
+    'pmcl_node': QUICK}
 
 
 def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
@@ -77,11 +77,9 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
         truth = Truth.load(bag / 'truth.json')
         parameters: dict[str, dict[str, Any]] = {
             'lytro_driver': {'address': address.text, 'delete': True},
-            'subaperture_node': {
-                'calibration': str(_ROOT / 'config' / 'cameras' / 'demo.yaml'),
-                'white': str(_ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz')},
+            'subaperture_node': {'calibration': str(CALIBRATION), 'white': str(WHITE)},
             'dlv_node': {}, 'pmcl_node': {
-                'object': str(_ROOT / 'models' / f'{bag.name}.obj'),
+                'object': str(object_in(bag)),
                 'roi_center': list(truth.roi_center), 'roi_size': list(truth.roi_size)}}
         for name, values in (_QUICK if quick else {}).items():
             parameters[name] |= values
@@ -241,7 +239,7 @@ def main() -> int:
                         'the graph has a /dev/shm of 64 MB and a disk of 8 MB for its '
                         'logs, and each is filled now and then')
     parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
-    parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
+    parser.add_argument('--bag', type=Path, default=BAG,
                         help='what the camera sees, with its truth.json and models/NAME.obj')
     parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
                         help='folder for soak.json, soak.md and graph.log')
