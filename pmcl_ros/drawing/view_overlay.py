@@ -16,17 +16,19 @@ def outlines_in_view(view: PosedView,
                      things: Sequence[tuple[ObjectModel, NDArray[np.float64], str]],
                      interface: Interface | None) -> NDArray[np.uint8]:
     """The `outlines` of models at poses (4, 4), each with a word; frames as `overlay_in_view`."""
-    camera = view.camera_to_reference
-    into, water = np.linalg.inv(camera), interface and interface.seen_from(camera)
     return outlines(view.displayed(), view.pinhole, [
-        (as_it_appears(model, into @ pose, water), into @ pose, word)
-        for model, pose, word in things])
+        (*_in_view(view, model, pose, interface), word) for model, pose, word in things])
 
 
 def overlay_in_view(view: PosedView, model: ObjectModel, pose: NDArray[np.float64],
                     interface: Interface | None) -> NDArray[np.uint8]:
     """The `overlay` of a model at a pose (4, 4). Pose and interface: in the reference frame."""
+    return overlay(view.displayed(), view.pinhole, *_in_view(view, model, pose, interface))
+
+
+def _in_view(view: PosedView, model: ObjectModel, pose: NDArray[np.float64],
+             interface: Interface | None) -> tuple[ObjectModel, NDArray[np.float64]]:
+    """The model as it appears, and its pose (4, 4), in the frame of the view's camera."""
     camera = view.camera_to_reference
     before = np.linalg.inv(camera) @ pose
-    seen = as_it_appears(model, before, interface and interface.seen_from(camera))
-    return overlay(view.displayed(), view.pinhole, seen, before)
+    return as_it_appears(model, before, interface and interface.seen_from(camera)), before
