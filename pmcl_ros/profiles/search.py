@@ -41,8 +41,8 @@ class PosedMap:
 
     evidence: EvidenceVolume
     camera: NDArray[np.float64]
-    box: tuple[float, float, float, float] | None = None
-    drawn: bool = False
+    box: tuple[float, float, float, float]
+    drawn: bool
 
     def blurred(self, sigma: float) -> 'PosedMap':
         """For contours whose place is uncertain by `sigma` [px]."""
@@ -88,10 +88,8 @@ class PosedMap:
         found = evidence_across(self.evidence, pixels.reshape(-1, 2), across.reshape(-1, 2),
                                 depths.ravel(), self.evidence.profile, np.zeros(1))
         density = np.maximum(found[:, 0].reshape(depths.shape), _LEAST)
-        if self.box is not None:
-            out = np.maximum(self.box[:2] - pixels, pixels - self.box[2:]).max(axis=-1)
-            density = np.where(out > _BESIDE, -_OUTSIDE, density)
-        return density, pinhole.fx / depths
+        out = np.maximum(self.box[:2] - pixels, pixels - self.box[2:]).max(axis=-1)
+        return np.where(out > _BESIDE, -_OUTSIDE, density), pinhole.fx / depths
 
 
 def searched(maps: Sequence[PosedMap], about: Cylinder, spacing: float) -> Revolution:
@@ -176,7 +174,7 @@ def _ends(view: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     A box that is drawn ends where the object does.
     """
     nothing = np.zeros((len(z), len(r)))
-    if view.box is None or not view.drawn:
+    if not view.drawn:
         return nothing, nothing
     turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
     heights, radii, angles = np.broadcast_arrays(z[:, None, None], r[None, :, None], turn)
