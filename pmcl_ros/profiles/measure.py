@@ -50,9 +50,7 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
             stem = _fitted(stem, maps, stages, height)
             if _evidence(stem, maps, stages[-1]) > _ALIKE * _evidence(surface, maps, stages[-1]):
                 surface = stem
-        frame = surface.frame.copy()
-        frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
-        about = Cylinder(frame, about.radius, about.height)
+        about = replace(about, frame=surface.centred)
     blur, reach, steps = _ROUNDS[-1][1][-1]
     finest = [each.blurred(blur) for each in maps]
     if height is None:

@@ -31,21 +31,14 @@ class MeasuredProfile:
     least: float
 
     @property
-    def middle(self) -> float:
-        """Height of the object's origin in the frame of the surface [m]."""
-        return (self.surface.low + self.surface.high) / 2
-
-    @property
     def pose(self) -> NDArray[np.float64]:
         """(4, 4) of the object in the reference frame: z along the axis, origin at mid-height."""
-        pose = self.surface.frame.copy()
-        pose[:3, 3] += self.middle * pose[:3, 2]
-        return pose
+        return self.surface.centred
 
     @property
     def rows(self) -> NDArray[np.float64]:
         """(k, 3) the wall from the bottom up: height, radius, standard deviation [m]."""
-        wall = self.surface.wall - [0, self.middle]
+        wall = self.surface.wall - [0, (self.surface.low + self.surface.high) / 2]
         way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(wall, axis=0), axis=1))])
         kept = np.unique(np.searchsorted(way, np.arange(0, way[-1], _ROW)))
         kept = np.unique(np.append(kept, len(way) - 1))

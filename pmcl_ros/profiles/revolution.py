@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,7 @@ _LONGEST = 10.0  # px of contour that a point stands for
 NEAREST = 0.02  # m: nothing is nearer to a camera
 
 
-@dataclass(frozen=True)
-class RevolutionContour:
+class RevolutionContour(NamedTuple):
     """The visible contour of a surface of revolution in one view, as n points.
 
     pixels: (n, 2), normals: (n, 2) outwards, in the image. depths: (n,) [m]. lengths: (n,) of the
@@ -80,6 +80,13 @@ class Revolution:
         coefficients = np.linalg.lstsq(_spline(breaks)(t), wanted, rcond=None)[0]
         surface = cls(frame, low, high, np.maximum(coefficients, _LEAST), breaks)
         return surface.with_edges(np.array(cls.edges), _LEAST)
+
+    @property
+    def centred(self) -> NDArray[np.float64]:
+        """(4, 4) `frame`, its origin moved to mid-height."""
+        centred = self.frame.copy()
+        centred[:3, 3] += (self.low + self.high) / 2 * centred[:3, 2]
+        return centred
 
     @property
     def wall(self) -> NDArray[np.float64]:
@@ -216,7 +223,8 @@ class Revolution:
         strips += [self._edge(end, turn, aside, height) for end in (0, 1)]
         wall = self.wall
         seen = [each.seen(pinhole, inverse(into), azimuth) for each in strips]
-        return _joined([_unhidden(*each, wall, into[:3, 3], self.on_foot) for each in seen])
+        parts = [_unhidden(*each, wall, into[:3, 3], self.on_foot) for each in seen]
+        return RevolutionContour(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -264,8 +272,8 @@ class _Strip:
             flat[:, None] * self.curve.basis, flat[:, None] * self.curve.by_ends,
             normals[:, :2], np.cross(places, normals)[:, :2]], axis=1) * scale[:, None]
         kept = self.valid & (lengths > 0) & (z > NEAREST)
-        return RevolutionContour(pixels[kept], across[kept], z[kept], lengths[kept],
-                                 motion[kept]), places[kept]
+        whole = pixels, across, z, lengths, motion
+        return RevolutionContour(*(each[kept] for each in whole)), places[kept]
 
 
 def _seen_at(curve: _Curve, aside: float, height: float
@@ -300,14 +308,7 @@ def _unhidden(contour: RevolutionContour, places: NDArray[np.float64],
         met = eye[:2] + part[..., None] * (places[:, None, :2] - eye[:2])
         inside = np.hypot(met[..., 0], met[..., 1]) < wall[:, 0] - _INSIDE
     seen = ~(inside & (part > 0) & (part < (1 if before else np.inf))).any(axis=1)
-    return RevolutionContour(contour.pixels[seen], contour.normals[seen], contour.depths[seen],
-                             contour.lengths[seen], contour.motion[seen])
-
-
-def _joined(parts: list[RevolutionContour]) -> RevolutionContour:
-    names = 'pixels', 'normals', 'depths', 'lengths', 'motion'
-    return RevolutionContour(*(np.concatenate([getattr(each, name) for each in parts])
-                               for name in names))
+    return RevolutionContour(*(each[seen] for each in contour))
 
 
 def _small(dx: float, dy: float, about_x: float, about_y: float) -> NDArray[np.float64]:
