@@ -5,7 +5,7 @@ import numpy as np
 from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lamps import irradiated
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
-from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, tilted, uniform
+from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, stream, tilted, uniform
 from pmcl_ros.simulation.scenes.trace import (
     BRANCHES,
     DEPTH,
@@ -33,7 +33,7 @@ def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
     for i in rounds(height, portion):
-        state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        state = stream(seed, i)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
         stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for j in range(width):
@@ -51,7 +51,7 @@ def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore
 def follow_lit(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
     """Fill out (n, 3) with the radiance along rays; block: rays of one task."""
     for task in rounds(-(-len(out) // block), portion):
-        state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        state = stream(seed, task)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
         stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for n in range(task * block, min((task + 1) * block, len(out))):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lit import follow_lit
+from pmcl_ros.simulation.scenes.sampling import stream
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, trace
 from pmcl_ros.simulation.scenes.world import World
@@ -36,7 +37,7 @@ def light_along(world: World, origins: NDArray[np.float64], directions: NDArray[
 @compiled(parallel=True, exact=True)
 def _follow(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
     for task in rounds(-(-len(out) // block), portion):
-        state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        state = stream(seed, task)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
         stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
         for n in range(task * block, min((task + 1) * block, len(out))):

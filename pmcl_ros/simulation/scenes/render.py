@@ -19,7 +19,7 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.sampling import eye_ray, uniform
+from pmcl_ros.simulation.scenes.sampling import eye_ray, stream, uniform
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, nearest, trace
@@ -84,7 +84,7 @@ def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
     for i in rounds(height, portion):
-        state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        state = stream(seed, i)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
         stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
         for j in range(width):

@@ -6,8 +6,15 @@ from pmcl_ros.runtime.kernels import compiled
 
 # Of splitmix64: 2^64 over the golden ratio, and the multipliers of its mixing.
 _GOLDEN, _ONE, _TWO = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
+_STRIDE = 0xD1342543DE82EF95  # between the states of two streams
 _SCALE = 2.0 ** -53  # from the 53 bits of a float's mantissa to [0, 1)
 _R1, _R2 = 0.7548776662466927, 0.5698402909980532  # powers of the plane's golden ratio
+
+
+@compiled(inner=True, exact=True)
+def stream(seed, number):  # type: ignore[no-untyped-def]
+    """The state (1,) uint64 of `uniform` for a row or block of a picture of a seed (uint64)."""
+    return np.full(1, seed + np.uint64(number) * np.uint64(_STRIDE), np.uint64)
 
 
 @compiled(inner=True, exact=True)
