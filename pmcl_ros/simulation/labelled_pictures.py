@@ -12,7 +12,6 @@ from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
-from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.runtime.errors import FileError, PmclError
 from pmcl_ros.runtime.npz_file import read_arrays
@@ -25,7 +24,7 @@ from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.render import light_of_view
 from pmcl_ros.simulation.scenes.scene import Scene
-from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, one_view, sensed
 from pmcl_ros.simulation.scenes.world import World
 
 _MOST_BYTES = 2 ** 28  # of a picture and its labels
@@ -110,8 +109,7 @@ def _ordinary(rng: np.random.Generator) -> Sensor:
     middle = (np.array([width, height]) - 1) / 2 + rng.normal(0, 0.01, 2) * width
     pinhole = Pinhole(width, height, focal, focal, *middle.tolist())
     aperture = float(np.exp(rng.uniform(np.log(5e-5), np.log(6e-4))))
-    grid = ViewGrid(pinhole, aperture, nominal_positions(1, 1), np.ones((1, 1), np.float32))
-    return Sensor(grid, 0.6, 4.2, 1.0, 0.3, 0.0, 0.0, (1.0, 1.0, 1.0))
+    return Sensor(one_view(pinhole, aperture), 0.6, 4.2, 1.0, 0.3, 0.0, 0.0, (1.0, 1.0, 1.0))
 
 
 def _distance(rng: np.random.Generator, pinhole: Pinhole) -> float:

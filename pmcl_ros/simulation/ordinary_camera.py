@@ -10,16 +10,14 @@ from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import PosedView, encoded
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.simulation.scenes.render import Renderer, fast, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
-from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, one_view, sensed
 
-_APERTURE = 0.0003  # m: a quarter of its width
-_PUPIL = 4.0  # of these: none of the aperture is cut off
+_PUPIL = 4.0  # quarters of the aperture's width: none of it is cut off
 _LARGEST = 25.0  # of the picture: the pinhole picture that its distortion needs
 _MOST_PIXELS = 2 ** 26  # as of pictures that are read
 _TRIES, _CLOSE = 500, 0.01  # steps of inverting a distortion, and the tolerance [px]
@@ -42,9 +40,7 @@ class OrdinaryCamera(ViewCamera):
 
     def sensor(self, rng: np.random.Generator) -> Sensor:
         """Its pixels, noise and blur; focus and exposure are random."""
-        grid = ViewGrid(self.pinhole, _APERTURE, nominal_positions(1, 1),
-                        np.ones((1, 1), np.float32))
-        return Sensor(grid, float(rng.uniform(0.4, 0.8)), _PUPIL, self.blur,
+        return Sensor(one_view(self.pinhole), float(rng.uniform(0.4, 0.8)), _PUPIL, self.blur,
                       float(rng.uniform(0.2, 0.42)), 2 * self.noise ** 2, self.noise / 3,
                       (1.0, 1.0, 1.0))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -21,11 +21,10 @@ from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.sampling import eye_ray, stream, uniform
 from pmcl_ros.simulation.scenes.scene import Scene, Target
-from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, one_view, sensed
 from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, nearest, trace
 from pmcl_ros.simulation.scenes.world import World
 
-_APERTURE = 0.0003  # m: a quarter of its width
 _SAMPLES = 2  # rays of a pixel, in a picture of a small aperture
 _PERIOD_NS = 1_000_000_000  # between two pictures
 # (sensor, row, column, margin, samples, seed) to the radiance of a view, as `light_of_view`.
@@ -188,8 +187,7 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
     `stamp_ns` on.
     """
     pinhole = scene.sensor.grid.pinhole
-    grid = ViewGrid(pinhole, _APERTURE, nominal_positions(1, 1), np.ones((1, 1), np.float32))
-    sensor = replace(scene.sensor, grid=grid, gains=(1.0, 1.0, 1.0))
+    sensor = replace(scene.sensor, grid=one_view(pinhole), gains=(1.0, 1.0, 1.0))
     margin = int(np.ceil(3 * sensor.blur))
     frames, gain = [], 0.0
     for number, pose in enumerate(poses):

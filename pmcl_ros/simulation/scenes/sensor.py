@@ -1,4 +1,4 @@
-"""A light-field camera: views in the pupil, exposure, blur, noise."""
+"""A camera: its views in the pupil, exposure, blur, noise."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 
+_APERTURE = 0.0003  # m: a quarter of the width of a small one
 _REACH = 2.0  # view steps: the tent by which a decoder gathers a view's light ends there
 _FINENESS = 20  # points per view step
 _LEAST = 0.05  # light below which a view is black
@@ -40,6 +42,11 @@ class Sensor:
     shot: float
     read: float
     gains: tuple[float, float, float]
+
+
+def one_view(pinhole: Pinhole, aperture: float = _APERTURE) -> ViewGrid:
+    """The grid of an ordinary camera. aperture: a quarter of its width [m]."""
+    return ViewGrid(pinhole, aperture, nominal_positions(1, 1), np.ones((1, 1), np.float32))
 
 
 def pupil_views(side: int, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
