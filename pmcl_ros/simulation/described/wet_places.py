@@ -66,10 +66,9 @@ def sink(rng: np.random.Generator, place: Place) -> Furnished:
                                             jet)))
     floor, rim = level - water, level - water + depth
     if jet is not None:
-        at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(jet, 0)))
         outlet = rim + rng.uniform(0.05, 0.15)
-        solids += [at.solid(water_jet(rng, rng.uniform(0.003, 0.007), level + 0.001, outlet)),
-                   *tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
+        solids += running_water(rng, frame, jet, rng.uniform(0.003, 0.007), (level, outlet),
+                                high[1] + 0.1, metal)
     sheets = basin(frame, low, high, (floor, rim), metal, place.palette)
     return Furnished(target, tuple(solids), tuple(sheets))
 
@@ -113,13 +112,21 @@ def _free_spot(rng: np.random.Generator, low: NDArray[np.floating], high: NDArra
     return None
 
 
-def tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
-    """A spout above the origin, and its arm to a wall behind it [m]."""
+def running_water(rng: np.random.Generator, frame: Frame, spot: NDArray[np.floating],
+                  radius: float, heights: tuple[float, float], back: float, metal: Opaque
+                  ) -> list[Solid]:
+    """A jet of a radius [m] at a spot (2,) of a frame, the spout above it, its arm to a wall.
+
+    heights: of the water and of the spout's outlet, back: y of the wall, in the frame [m].
+    """
+    level, outlet = heights
+    at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(spot, 0)))
     profile = np.array([[0, outlet + 0.0005], [0.011, outlet + 0.0005], [0.012, outlet + 0.04],
                         [0, outlet + 0.04]])
     spout = at.solid(Solid(Frusta.from_profile(profile, 0, 1), (metal,), np.eye(4)))
-    return [spout, at.box(np.array([-0.009, 0.0, outlet + 0.02]),
-                          np.array([0.009, back, outlet + 0.038]), metal)]
+    arm = at.box(np.array([-0.009, 0.0, outlet + 0.02]),
+                 np.array([0.009, back - float(spot[1]), outlet + 0.038]), metal)
+    return [at.solid(water_jet(rng, radius, level + 0.001, outlet)), spout, arm]
 
 
 def tank_distance(reach: float) -> float:

@@ -12,10 +12,15 @@ from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
     can_stand_in_water,
     standing_in_water,
-    water_jet,
     water_surface,
 )
-from pmcl_ros.simulation.described.wet_places import BEYOND, GAP, basin, random_finish, tap
+from pmcl_ros.simulation.described.wet_places import (
+    BEYOND,
+    GAP,
+    basin,
+    random_finish,
+    running_water,
+)
 from pmcl_ros.simulation.manipulation.workplace import Box, Workplace
 from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
@@ -85,11 +90,8 @@ class WorkplaceLook:
         jet = None
         if place.jet is not None:
             jet = _AHEAD.inv().apply([*(np.array(place.jet) - pose[:2, 3]), 0])[:2]
-            at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(jet, 0)))
-            outlet = place.rim + 0.1
-            solids += [at.solid(water_jet(waves, float(rng.uniform(0.003, 0.007)),
-                                          place.level + 0.001, outlet)),
-                       *tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
+            solids += running_water(waves, frame, jet, rng.uniform(0.003, 0.007),
+                                    (place.level, place.rim + 0.1), high[1] + 0.1, metal)
         solids.append(frame.solid(water_surface(waves, low - BEYOND, high + BEYOND, place.level,
                                                 slope, hole, jet)))
         return target, solids, sheets
