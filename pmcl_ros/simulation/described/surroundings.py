@@ -135,10 +135,7 @@ def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furn
     return Furnished(place.target, tuple(boards), (wall,))
 
 
-def _wet(make: Callable[[np.random.Generator, Place], Furnished]
-         ) -> Callable[[np.random.Generator, Place, DescribedSettings], Furnished]:
-    return lambda rng, place, _: make(rng, place)
-
-
-_MAKERS = {'table': _table, 'shelf': _shelf, 'sink': _wet(sink), 'tank': _wet(tank),
-           'clutter': _clutter}
+_MAKERS: dict[Surroundings, Callable[[np.random.Generator, Place, DescribedSettings], Furnished]]
+_MAKERS = {'table': _table, 'shelf': _shelf, 'clutter': _clutter,
+           'sink': lambda rng, place, _: sink(rng, place),
+           'tank': lambda rng, place, _: tank(rng, place)}
