@@ -90,11 +90,16 @@ class CameraPlan(Settings):
         """(n, 4, 4) the poses of the cameras, camera to the scene's own camera [m]."""
         if self.arc is not None:
             return _arc(scene, *self.arc)
-        if self.grid is not None:
-            rows, columns, width = self.grid
-            plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
-            return np.array([each.pose for each in plan.poses])
-        return self._poses
+        return self.fixed
+
+    @property
+    def fixed(self) -> NDArray[np.float64]:
+        """(n, 4, 4) `cameras` of a grid or a list, which are the same for all scenes."""
+        if self.grid is None:
+            return self._poses
+        rows, columns, width = self.grid
+        plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
+        return np.array([each.pose for each in plan.poses])
 
     @property
     def _poses(self) -> NDArray[np.float64]:

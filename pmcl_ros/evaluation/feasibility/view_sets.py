@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.simulation.camera_plan import CameraPlan
 
 Reach = Callable[[tuple[int, ...]], str]  # how far pictures are apart, in words
@@ -36,12 +35,7 @@ def view_sets(plan: CameraPlan | None) -> tuple[ViewSet, ...]:
         count, degrees = plan.arc
         step = degrees / max(count - 1, 1)
         return _distinct(count, lambda numbers: f'{step * (numbers[-1] - numbers[0]):.3g} degrees')
-    if plan.grid is not None:
-        rows, columns, width = plan.grid
-        grid = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
-        places = np.array([each.position for each in grid.poses])
-    else:
-        places = np.array(plan.poses, float).reshape(-1, 4, 4)[:, :3, 3]
+    places = plan.fixed[:, :3, 3]
     return _distinct(len(places), lambda numbers: f'{1e3 * _reach(places, numbers):.3g} mm')
 
 
