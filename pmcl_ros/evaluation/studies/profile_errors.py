@@ -27,6 +27,7 @@ from pmcl_ros.simulation.scenes.objects import SceneObject, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 
+_VIEWS, _APART = 3, 60.0  # pictures of a vessel, degrees from the first to the last
 _FILLED = 0.8  # of the picture's smaller side: the diagonal of a vessel that is measured
 _STEEP = np.deg2rad([10.0, 30.0])  # limits of the angle at which cameras look down on it
 _BOX = 2.0  # px: standard deviation of the sides of a box that is drawn
@@ -59,7 +60,7 @@ class ProfileTrial:
 
 @dataclass(frozen=True)
 class ProfileStudy:
-    """Of `profile_trial`: three views over `apart` degrees, by a camera, samples a pixel.
+    """Of `profile_trial`: the camera, and its samples a pixel.
 
     with_cad: whether the vessel is looked for with its true mesh too. with_height: whether its
     height is given, as measured by a ruler.
@@ -67,8 +68,6 @@ class ProfileStudy:
 
     camera: OrdinaryCamera
     samples: int = 3
-    views: int = 3
-    apart: float = 60.0
     with_cad: bool = False
     with_height: bool = False
 
@@ -86,7 +85,7 @@ def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
     other = _scene(rng, of, vessel)
     views = _taken(rng, of, alone, _round(rng, of, alone))
     model = alone.targets[0].model('true')
-    arc = CameraPlan(arc=(of.views, of.apart)).cameras(other)
+    arc = CameraPlan(arc=(_VIEWS, _APART)).cameras(other)
     others = PosedViews(_taken(rng, of, other, arc))
     found: MeasuredProfile | None = None
     try:
@@ -162,7 +161,7 @@ def _round(rng: np.random.Generator, of: ProfileStudy, scene: Scene) -> NDArray[
     level /= np.linalg.norm(level)
     steep = rng.uniform(*_STEEP)
     poses = []
-    for angle in np.deg2rad(of.apart) * np.linspace(-0.5, 0.5, of.views):
+    for angle in np.deg2rad(_APART) * np.linspace(-0.5, 0.5, _VIEWS):
         ahead = Rotation.from_rotvec(angle * up).apply(np.cos(steep) * level) - np.sin(steep) * up
         right = np.cross(ahead, up)
         right /= np.linalg.norm(right)
