@@ -1,7 +1,8 @@
 """Compares the joint localisation of several objects with single ones, on generated scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,23 +94,31 @@ def together(seed: int, count: int, settings: SceneSettings, samples: int,
 
     alone = [min((trial(found.alone[k], k, truth, 'alone') for truth in truths[k]),
                  key=lambda each: each.translation_mm) for k in range(count)]
-    jointly: dict[int, Trial] = {}
-    taken: list[int] = []
-    # Each copy is judged against another truth; those that were found choose first.
-    for k in sorted(range(count), key=lambda k: found.estimates[k].lost):
-        left = [truth for truth in truths[k] if id(truth) not in taken]
-        trials = [trial(found.estimates[k], k, truth, 'together') for truth in left]
-        best = min(range(len(left)), key=lambda j: trials[j].translation_mm)
-        taken.append(id(left[best]))
-        jointly[k] = trials[best]
+    jointly = _judged(found.estimates, truths, partial(trial, mode='together'))
     nowhere = np.eye(4)
     return Together(
         seed, group.scene.name, len(set(group.copies)) < count,
         seen_overlap(targets, group.scene.sensor.grid.pinhole),
-        (*(jointly[k] for k in range(count)),
-         trial(found.estimates[-1], count, nowhere, 'together')),
+        (*jointly, trial(found.estimates[-1], count, nowhere, 'together')),
         (*alone, trial(found.alone[-1], count, nowhere, 'alone')), found.depth, seconds,
         _picture(source, found, models))
+
+
+def _judged(estimates: Sequence[PoseEstimate], truths: Sequence[Sequence[NDArray[np.float64]]],
+            trial: Callable[[PoseEstimate, int, NDArray[np.float64]], Trial]) -> list[Trial]:
+    """The trial of each object. truths: of each and its copies, poses (4, 4).
+
+    Each copy is judged against another truth; those that were found choose first.
+    """
+    made: dict[int, Trial] = {}
+    taken: list[int] = []
+    for k in sorted(range(len(truths)), key=lambda k: estimates[k].lost):
+        trials = {id(truth): trial(estimates[k], k, truth) for truth in truths[k]
+                  if id(truth) not in taken}
+        nearest = min(trials, key=lambda each: trials[each].translation_mm)
+        taken.append(nearest)
+        made[k] = trials[nearest]
+    return [made[k] for k in range(len(truths))]
 
 
 def rank(trial: Trial) -> int:
