@@ -43,7 +43,8 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     ms = {'views': best_ms(lambda: _light_field(grid, counts), repeats),
           'planes': best_ms(lambda: CostInputs.from_light_field(light_field, depths, settings),
                             repeats)}
-    ms |= (_gl_stages if chosen == 'gl' else _numba_stages)(task, settings, repeats)
+    ms |= (_gl_stages(task, settings, repeats) if chosen == 'gl' else
+           {'sweep': _best_after_first(lambda: likelihood_of(task, settings), repeats)})
 
     def total() -> None:
         make_likelihood(_light_field(grid, counts), depths, settings)
@@ -59,10 +60,6 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
                 f'{settings.labels} labels, {settings.near} to {settings.far} m, F01 at 0.55 m, '
                 f'by {chosen}')
     return Bench(geometry, ms, ms['plain'] / ms['total'])
-
-
-def _numba_stages(task: CostInputs, settings: DlvSettings, repeats: int) -> dict[str, float]:
-    return {'sweep': _best_after_first(lambda: likelihood_of(task, settings), repeats)}
 
 
 def _gl_stages(task: CostInputs, settings: DlvSettings, repeats: int) -> dict[str, float]:

@@ -153,7 +153,7 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
         len(each.pictures), -shares[each.name])) if good else max(
         sets, key=lambda each: shares[each.name])
     name = chosen.name
-    text = f'{_capital(name)}: {share_text(flags[name])} within {aim}.'
+    text = f'{name[:1].upper()}{name[1:]}: {share_text(flags[name])} within {aim}.'
     if not good:
         text = (f'Not yet: the best is {name}, {share_text(flags[name])} within {aim}, where '
                 f'{100 * aim.share:.0f} % are asked.')
@@ -167,10 +167,6 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
         text += (f' One view is not enough: {share_text(flags[one])}; '
                  f'{"; ".join(causes(trials[one], aim)[:2])}.')
     return text
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def success(trials: Sequence[Trial], bounds: NDArray[np.float64], aim: Aim) -> NDArray[np.float64]:

@@ -97,7 +97,8 @@ def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, se
         into = np.asarray(np.linalg.inv(camera), float)
         if chosen.is_one:
             center = into[:3, :3] @ center + into[:3, 3]
-            source = _alone(views[0])
+            one = views[0]  # in the frame of its own camera
+            source = PosedView(one.header, one.picture, one.pinhole, np.eye(4))
         else:
             source = PosedViews(tuple(views))
     settings = PmclSettings(roi_center=tuple(center.tolist()), roi_size=truth.roi_size)
@@ -118,8 +119,3 @@ def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, se
         'across_mm': float(np.sqrt(max(trial.translation_mm ** 2 - trial.ray_mm ** 2, 0))),
         'truth': seen[:3].ravel().tolist(), 'picture': chosen.pictures[0]}
     return replace(trial, extra=extra)
-
-
-def _alone(view: PosedView) -> PosedView:
-    """The picture in the frame of its own camera."""
-    return PosedView(view.header, view.picture, view.pinhole, np.eye(4))

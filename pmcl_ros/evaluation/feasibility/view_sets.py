@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from pmcl_ros.simulation.camera_plan import CameraPlan
 
@@ -36,26 +35,19 @@ def view_sets(plan: CameraPlan | None) -> tuple[ViewSet, ...]:
         step = degrees / max(count - 1, 1)
         return _distinct(count, lambda numbers: f'{step * (numbers[-1] - numbers[0]):.3g} degrees')
     places = plan.fixed[:, :3, 3]
-    return _distinct(len(places), lambda numbers: f'{1e3 * _reach(places, numbers):.3g} mm')
+    return _distinct(len(places),
+                     lambda numbers: f'{1e3 * pdist(places[list(numbers)]).max():.3g} mm')
 
 
-def _distinct(count: int, reach: Reach) -> tuple[ViewSet, ...]:
-    middle, last = count // 2, count - 1
-    wanted = ((middle,), (middle, middle + 1), (0, last), (0, middle, last), tuple(range(count)))
+def _distinct(pictures: int, reach: Reach) -> tuple[ViewSet, ...]:
+    middle, last = pictures // 2, pictures - 1
+    wanted = ((middle,), (middle, middle + 1), (0, last), (0, middle, last),
+              tuple(range(pictures)))
     sets = dict.fromkeys(numbers for numbers in wanted
                          if numbers[-1] <= last and len(set(numbers)) == len(numbers))
     named: dict[str, ViewSet] = {}  # of sets that people cannot tell apart, the first
     for numbers in sets:
-        name = _name(numbers, reach)
+        count = _WORDS[len(numbers)] if len(numbers) < len(_WORDS) else str(len(numbers))
+        name = 'one view' if len(numbers) == 1 else f'{count} views over {reach(numbers)}'
         named.setdefault(name, ViewSet(name, numbers))
     return tuple(named.values())
-
-
-def _name(numbers: tuple[int, ...], reach: Reach) -> str:
-    count = _WORDS[len(numbers)] if len(numbers) < len(_WORDS) else str(len(numbers))
-    return 'one view' if len(numbers) == 1 else f'{count} views over {reach(numbers)}'
-
-
-def _reach(places: NDArray[np.float64], numbers: tuple[int, ...]) -> float:
-    chosen = places[list(numbers)]
-    return float(np.linalg.norm(chosen[:, None] - chosen, axis=2).max())

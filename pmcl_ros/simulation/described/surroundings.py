@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pmcl_ros.runtime.errors import SimulationError
@@ -22,7 +21,6 @@ from pmcl_ros.simulation.scenes.broad_scene import (
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.hiding_sheets import hiding_sheets
 from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, placed, random_target
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
@@ -81,7 +79,8 @@ def _drawn(rng: np.random.Generator, item: SceneObject, surroundings: Surroundin
            sensor: Sensor, of: DescribedSettings) -> Scene:
     empty = bool(rng.random() < of.empty)
     worlds, circles = beside_each_other(rng, (item,))
-    low, high = _bounds(item, worlds[0])
+    vertices = item.vertices @ worlds[0][:3, :3].T + worlds[0][:3, 3]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
     camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0,
                          centred=True)
     pose = camera @ worlds[0]
@@ -92,13 +91,6 @@ def _drawn(rng: np.random.Generator, item: SceneObject, surroundings: Surroundin
     return Scene(f'{surroundings}: {item.name}' + (', empty' if empty else ''),
                  around.target + around.solids, around.sheets, random_lit_environment(rng),
                  camera[:3, :3].T, sensor, (target,), owners)
-
-
-def _bounds(item: SceneObject, world: Pose
-            ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Corners (3,) of the box around an object in the world [m]."""
-    vertices = item.vertices @ world[:3, :3].T + world[:3, 3]
-    return vertices.min(axis=0), vertices.max(axis=0)
 
 
 def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furnished:

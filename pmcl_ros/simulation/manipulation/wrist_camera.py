@@ -26,7 +26,9 @@ class WristCamera:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> 'WristCamera':
         """Off by 1 mm on each axis and 0.2 degrees about each (standard deviations)."""
-        return cls(_disturbed(MOUNT, rng, *_HAND_EYE))
+        shift, turn = _HAND_EYE
+        step = np.concatenate([rng.normal(0, shift, 3), rng.normal(0, turn, 3)])
+        return cls(np.asarray(retract(MOUNT[None], step[None])[0]))
 
     def seen_from(self, wrist: Pose) -> Pose:
         """(4, 4) where it is, for the true pose of wrist_roll_link."""
@@ -41,8 +43,3 @@ class WristCamera:
 def read_joints(rng: np.random.Generator, joints: NDArray[np.float64]) -> NDArray[np.float64]:
     """What encoders read of true angles [rad]: noise of 0.15 mrad."""
     return joints + rng.normal(0, _ENCODER, joints.shape)
-
-
-def _disturbed(pose: Pose, rng: np.random.Generator, shift: float, turn: float) -> Pose:
-    step = np.concatenate([rng.normal(0, shift, 3), rng.normal(0, turn, 3)])
-    return np.asarray(retract(pose[None], step[None])[0])

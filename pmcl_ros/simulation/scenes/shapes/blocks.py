@@ -33,9 +33,10 @@ def random_block(rng: np.random.Generator, glass: bool, finish: Finish | None = 
     if glass and outer.is_convex and rng.random() < _HOLLOW:
         corners, kind = np.concatenate([corners, _inset(outer, wall).triangles[:, ::-1]]), 'hollow'
     solid = Solid(Triangles(np.asarray(corners, float), 0, 1), (medium,), np.eye(4))
+    middle = np.asarray(outer.center_mass, float)
     return SceneObject(f'{kind if glass else "opaque"} {name}', (solid,),
                        np.asarray(outer.vertices, float), np.asarray(outer.faces, np.int64), None,
-                       discrete=_about(turns, np.asarray(outer.center_mass, float)))
+                       discrete=pose_of(turns, middle - turns @ middle))
 
 
 def _box(rng: np.random.Generator) -> Block:
@@ -83,11 +84,6 @@ def _dihedral(fold: int) -> NDArray[np.float64]:
     about = Rotation.from_rotvec(2 * np.pi / fold * np.outer(np.arange(fold), [0, 0, 1]))
     return np.concatenate([about.as_matrix(),
                            (about * Rotation.from_euler('x', np.pi)).as_matrix()])
-
-
-def _about(turns: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, 4, 4) rotations (k, 3, 3) about a point [m]."""
-    return pose_of(turns, middle - turns @ middle)
 
 
 def _hull(foot: NDArray[np.float64], top: NDArray[np.float64], height: float) -> trimesh.Trimesh:
