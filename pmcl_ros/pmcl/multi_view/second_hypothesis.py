@@ -114,7 +114,8 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
                      ', '.join(map(str, clear)))
         return None
     _LOG.warning('found without views %s, which do not show it there: is something before the '
-                 "object, has it moved, or is the camera's pose wrong?",
+                 "object, has it moved, is the picture blurred or dark, or is the camera's pose "
+                 'wrong, or of another time?',
                  ', '.join(map(str, hidden)))
     return replace(found, estimate=replace(found.estimate, hidden=hidden)), rest
 

@@ -311,6 +311,9 @@ def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     assert not estimate.lost
     assert estimate.hidden == (1,)
     assert 'found without views 1, which do not show it there' in caplog.text
+    for question in ('before the object', 'moved', 'blurred or dark', 'pose wrong, or of another '
+                     'time?'):
+        assert question in caplog.text
     millimetres, degrees = error(CUP, estimate.pose, truth)
     assert millimetres < 1.0
     assert degrees < 1.5
