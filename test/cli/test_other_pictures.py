@@ -167,6 +167,18 @@ def test_a_colmap_model_and_a_robot_s_bag_are_evaluated_as_the_views(capture, tm
         np.testing.assert_allclose(colmap, own, rtol=1e-3, atol=1e-3)
 
 
+def test_a_scale_of_a_colmap_model_is_asked_for_where_the_object_is_lost(capture, tmp_path, caplog):
+    folder, views = tmp_path / 'colmap', read_source(capture).views
+    colmap_model(folder, views, 2.5)
+    apart = 1.4 * np.linalg.norm(np.subtract(*(
+        each.camera_to_reference[:3, 3] for each in views)))
+    done = pmcl('localize', folder, '--scale', 1.4 * 2.5, *region(capture), *FEW, '--object',
+                capture / 'model.obj')
+    assert done.stdout.startswith('lost')
+    assert ('lost, and a COLMAP model has no metric scale: is that of --scale or --distance right?'
+            f' By it cameras are up to {apart:.3g} m apart') in caplog.text
+
+
 def results(folder):
     with (folder / 'results.csv').open() as stream:
         return list(csv.DictReader(stream))
