@@ -167,7 +167,8 @@ def test_a_colmap_model_and_a_robot_s_bag_are_evaluated_as_the_views(capture, tm
         np.testing.assert_allclose(colmap, own, rtol=1e-3, atol=1e-3)
 
 
-def test_a_scale_of_a_colmap_model_is_asked_for_where_the_object_is_lost(capture, tmp_path, caplog):
+def test_the_scale_of_a_colmap_model_is_asked_for_where_it_loses_the_object(
+        capture, tmp_path, caplog):
     folder, views = tmp_path / 'colmap', read_source(capture).views
     colmap_model(folder, views, 2.5)
     apart = 1.4 * np.linalg.norm(np.subtract(*(

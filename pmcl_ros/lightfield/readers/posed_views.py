@@ -35,6 +35,7 @@ _NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
+_EXCHANGED = 0.1  # of the side: from here on, if exchanging cx and cy halves it
 
 
 def _sixteen(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -185,12 +186,12 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
             f'pixels, at most {_MOST_PIXELS / 1e6:.1f} are read, and need {size / 2 ** 20:.0f} '
             f'MiB, at most {MOST_BYTES // 2 ** 20}: shrink them (--shrink '
             f'{math.ceil(shrink * math.sqrt(excess))})' + (', or take fewer' * (len(pixels) > 1)))
-    odd = {each.camera: of.cameras[each.camera].pinhole for each in of.views
-           if each.camera and of.cameras[each.camera].pinhole.off_middle > _FAR_OFF}
+    names = dict.fromkeys(each.camera for each in of.views if each.camera)
+    odd = {name: why for name in names if (why := _oddness(of.cameras[name].pinhole))}
     if odd:
-        camera, pinhole = next(iter(odd.items()))
-        _warn_odd(camera, pinhole, len(odd) - 1)
-    for camera in dict.fromkeys(each.camera for each in of.views if each.camera):
+        camera, why = next(iter(odd.items()))
+        _warn_odd(camera, of.cameras[camera].pinhole, why, len(odd) - 1)
+    for camera in names:
         warn_distorted(camera, of.cameras[camera].lens)
     views = tuple(_view(folder, each, of, reduction) for each in of.views)
     _check_no_copies(of, views, name)
@@ -203,12 +204,19 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     return views
 
 
+def _oddness(pinhole: Pinhole) -> str:
+    """The question for what is wrong with a principal point; empty where it is a lens's."""
+    off = pinhole.off_middle
+    if off > _EXCHANGED and replace(pinhole, cx=pinhole.cy, cy=pinhole.cx).off_middle < off / 2:
+        return 'are cx and cy exchanged?'
+    return 'is the calibration of another resolution?' if off > _FAR_OFF else ''
+
+
 @cache  # captures of one camera are many
-def _warn_odd(camera: str, pinhole: Pinhole, others: int) -> None:
-    _LOG.warning('camera %r%s: the principal point (%g, %g) is far from the middle of %dx%d: is '
-                 'the calibration of another resolution?', camera,
-                 f' and {others} more' if others else '', pinhole.cx, pinhole.cy, pinhole.width,
-                 pinhole.height)
+def _warn_odd(camera: str, pinhole: Pinhole, why: str, others: int) -> None:
+    _LOG.warning('camera %r%s: the principal point (%g, %g) is far from the middle of %dx%d: %s',
+                 camera, f' and {others} more' if others else '', pinhole.cx, pinhole.cy,
+                 pinhole.width, pinhole.height, why)
 
 
 def _check_no_copies(of: ViewsFile, views: Sequence[PosedView], name: str) -> None:

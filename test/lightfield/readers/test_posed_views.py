@@ -84,6 +84,20 @@ def test_a_calibration_of_another_resolution_is_told_once(tmp_path, caplog, cx, 
         f'{WIDTH}x{HEIGHT}: is the calibration of another resolution?']
 
 
+@pytest.mark.parametrize(('size', 'cx', 'cy', 'asked'), [
+    ((64, 48), 23.0, 32.5, True), ((80, 64), 33.0, 38.0, True), ((64, 36), 17.5, 31.5, True),
+    ((48, 64), 31.0, 24.0, True), ((64, 48), 32.5, 23.0, False), ((64, 60), 29.0, 32.0, False),
+    ((64, 48), 24.0, 24.0, False), ((64, 64), 28.0, 33.0, False)])
+def test_a_principal_point_with_its_coordinates_exchanged_is_told(tmp_path, caplog, size, cx, cy,
+                                                                 asked):
+    width, height = size
+    values = whole(np.zeros((height, width, 3), np.float32), 255, np.uint8)
+    read_source(write(tmp_path, values, width=width, height=height, cx=cx, cy=cy))
+    assert caplog.messages == asked * [
+        f"camera 'wrist': the principal point ({cx:g}, {cy:g}) is far from the middle of "
+        f'{width}x{height}: are cx and cy exchanged?']
+
+
 def test_grey_and_jpeg_are_pictures_too(tmp_path):
     grey = whole(VALUES[..., 0], 255, np.uint8)
     view = read_source(write(tmp_path / 'grey', grey))
