@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.runtime.errors import LocalizationError
 
 _BACKWARDS = np.diag([1.0, -1, -1, 1])
@@ -28,13 +29,31 @@ def _in_metres(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return pose
 
 
+def _transposed(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A pose with its rotation transposed."""
+    pose = pose.copy()
+    pose[:3, :3] = pose[:3, :3].T
+    return pose
+
+
+def _reordered(*order: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """What takes the quaternion x, y, z, w of a pose in another order."""
+    def mended(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat()[list(order)]
+        return pose_of(Rotation.from_quat(quaternion), pose[:3, 3])
+    return mended
+
+
 _MISTAKES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     'are the poses from that frame to the camera? By their inverses': inverse,
     'do the cameras look along -z (OpenGL, Blender)? With other signs of the second and third '
     'column of their poses': lambda pose: pose @ _BACKWARDS,
     'are they poses of a link with x forward (camera_link), not of the optical frame? With the '
     'latter': lambda pose: pose @ _OPTICAL,
-    'are the poses in millimetres? In metres': _in_metres}
+    'are the poses in millimetres? In metres': _in_metres,
+    'are the rotations transposed? By their transposes': _transposed,
+    'are quaternions w, x, y, z taken for x, y, z, w? By the former': _reordered(1, 2, 3, 0),
+    'are quaternions x, y, z, w taken for w, x, y, z? By the former': _reordered(3, 0, 1, 2)}
 
 
 def sees(pinhole: Pinhole, camera: NDArray[np.float64], place: tuple[float, float, float]) -> bool:
@@ -95,10 +114,15 @@ def without_mistakes(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]]
 
 def _mistake(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
              place: tuple[float, float, float]) -> str:
-    """The question for one mistake; empty where none explains what the views do not see."""
-    for mistake, mended in without_mistakes(cameras):
-        count = sum(sees(*each, place) for each in mended)
-        if count >= _MOST * len(cameras):
-            share = 'all' if count == len(cameras) else f'{count} of'
-            return f'{mistake} {share} {len(cameras)} views see its middle'
-    return ''
+    """A question for the mistake that explains best what the views do not see; empty for none.
+
+    For several that explain it alike.
+    """
+    counts = {mistake: sum(sees(*each, place) for each in mended)
+              for mistake, mended in without_mistakes(cameras)}
+    most, given = max(counts.values()), sum(sees(*each, place) for each in cameras)
+    if most < _MOST * len(cameras) or most <= given:
+        return ''
+    share = 'all' if most == len(cameras) else f'{most} of'
+    return '; or '.join(f'{mistake} {share} {len(cameras)} views see its middle'
+                        for mistake, count in counts.items() if count == most)

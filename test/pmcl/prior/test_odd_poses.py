@@ -20,10 +20,10 @@ BACKWARDS = np.diag([1.0, -1, -1, 1])
 FROM_LINK = pose_of(Rotation.from_matrix([[0, -1, 0], [0, 0, -1], [1, 0, 0]]), [0, 0, 0])
 
 
-def around(begin=0):
-    """Four cameras of an arm that look at PLACE from 0.6 m, 40 degrees down, over 90 degrees."""
+def around(begin=0, down=130):
+    """Four cameras of an arm that look at PLACE from 0.6 m, down from above, over 90 degrees."""
     return [pose_of(turn, np.array(PLACE) - 0.6 * turn.as_matrix()[:, 2]) for turn in (
-        Rotation.from_euler('ZX', [angle, -130], degrees=True)
+        Rotation.from_euler('ZX', [angle, -down], degrees=True)
         for angle in np.linspace(begin, begin + 90, 4))]
 
 
@@ -31,6 +31,18 @@ def in_millimetres(pose):
     pose = pose.copy()
     pose[:3, 3] *= 1000
     return pose
+
+
+def transposed(pose):
+    pose = pose.copy()
+    pose[:3, :3] = pose[:3, :3].T
+    return pose
+
+
+def taken_for(order):
+    """A pose whose quaternion x, y, z, w was read in another order."""
+    return lambda pose: pose_of(Rotation.from_quat(
+        Rotation.from_matrix(pose[:3, :3]).as_quat()[order]), pose[:3, 3])
 
 
 def in_box(settings):
@@ -54,11 +66,31 @@ def test_a_camera_sees_what_is_before_it():
     (lambda pose: pose @ BACKWARDS, 'look along -z (OpenGL, Blender)?'),
     (in_millimetres, 'are the poses in millimetres? In metres all 4 views'),
     (lambda pose: pose @ FROM_LINK, 'not of the optical frame? With the latter all 4 views'),
+    (transposed, 'are the rotations transposed? By their transposes all 4 views'),
+    (taken_for([3, 0, 1, 2]), 'w, x, y, z taken for x, y, z, w? By the former all 4 views'),
+    (taken_for([1, 2, 3, 0]), 'x, y, z, w taken for w, x, y, z? By the former all 4 views'),
     (lambda pose: pose @ pose_of(Rotation.from_euler('x', 90, degrees=True), [0, 0, 0]),
      'are poses and region of the same frame, in metres')],
-    ids=['inverses', 'opengl', 'millimetres', 'link', 'another'])
+    ids=['inverses', 'opengl', 'millimetres', 'link', 'transposed', 'w first', 'w last',
+         'another'])
 def test_what_the_poses_seem_to_be_is_asked(mistaken, told):
-    assert told in likely_mistake(of_camera(mistaken(pose) for pose in around()), PLACE)
+    asked = likely_mistake(of_camera(mistaken(pose) for pose in around()), PLACE)
+    assert told in asked
+    assert '; or ' not in asked  # nothing else explains it
+
+
+def test_each_of_two_mistakes_that_explain_it_is_asked():
+    asked = likely_mistake(of_camera(map(taken_for([3, 0, 1, 2]), around(90, down=180))), PLACE)
+    assert asked == ('are the poses from that frame to the camera? By their inverses all 4 views '
+                     'see its middle; or are quaternions w, x, y, z taken for x, y, z, w? By the '
+                     'former all 4 views see its middle')
+
+
+def test_no_mistake_is_asked_without_which_no_more_views_see_it():
+    """One camera looks elsewhere. Others are in metres, and mended they stay the same."""
+    right = around()
+    given = of_camera([*right, right[0] @ BACKWARDS])
+    assert likely_mistake(given, PLACE).startswith('are poses and region of the same frame')
 
 
 def test_a_region_in_the_frame_of_a_camera_is_asked_for():
