@@ -6,7 +6,7 @@ cameras stand to each other but for the scale; what it does not see stays as rep
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import NamedTuple
 
 import cv2
@@ -30,6 +30,7 @@ _BEHIND = 2.0  # the same, by which reported rotations may put what is far away 
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # matches of a pair of views
 _ITERATIONS = 15  # of reweighted least squares
+_NEXT = 4  # views before and after each in the list, of which one is chosen to judge any poses
 _NEIGHBOURS = 3  # views that each view is matched with
 _DISTANCE = 0.5  # m: of what is seen, for the gate
 
@@ -87,16 +88,17 @@ class Features(NamedTuple):
 
 def pair_fits(views: Sequence[PosedView], features: Sequence[Features],
               cameras: Sequence[NDArray[np.float64]]) -> list[PairFit]:
-    """How the matches of each view and the next fit cameras, each (n, 4, 4), whatever these are.
+    """How the matches of pairs of views fit cameras, each (n, 4, 4), whatever these are.
 
-    Matches are those that one relative pose explains. Where these are less than half, as in a
-    pattern that repeats, or fewer than `_FEWEST`, the pair is left out.
+    A pair is a view and the one that it has most matches with, of the `_NEXT` before and after
+    it: the very next may show something else where pictures were exchanged. Matches are those that
+    one relative pose explains. Where these are less than half, as in a pattern that repeats, or
+    fewer than `_FEWEST`, the pair is left out.
     """
     position, rotation = np.max([_PRIOR, *(each.sigma for each in views)], axis=0)
     found = []
-    for one, other in pairwise(range(len(views))):
+    for (one, other), matched in _best_matched(features).items():
         length = (features[one].focal + features[other].focal) / 2
-        matched = _matched(features[one], features[other])
         rays = _explained(matched, length)
         if len(rays) >= max(_FEWEST, len(matched) / 2):
             found.append(PairFit((one, other), tuple(float(np.median(np.abs(
@@ -212,6 +214,16 @@ def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray
     ahead = -np.einsum('mi,mi->m', np.cross(other, between[:3, 3]), normal)
     angle = np.arctan2(np.linalg.norm(normal, axis=1), np.einsum('mi,mi->m', one, other))
     return np.where(ahead < 0, -angle, angle)
+
+
+def _best_matched(features: Sequence[Features]) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """Matches (m, 2, 3) of pairs of views: each view with the one that shows most of the same."""
+    views = range(len(features))
+    matched = {(one, other): _matched(features[one], features[other])
+               for one, other in combinations(views, 2) if other - one <= _NEXT}
+    best = {max((pair for pair in matched if view in pair), key=lambda pair: len(matched[pair]))
+            for view in views if matched}
+    return {pair: matched[pair] for pair in sorted(best)}
 
 
 def _neighbours(reported: NDArray[np.float64]) -> list[tuple[int, int]]:

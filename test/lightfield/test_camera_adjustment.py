@@ -89,6 +89,18 @@ def test_any_poses_are_judged_by_pairs_of_neighbours():
     assert max(each.distances[1] for each in fits) < MATCHED
 
 
+@pytest.mark.parametrize('order', [[4, 1, 2, 3, 0], [4, 0, 1, 2, 3]],
+                         ids=['first and last exchanged', 'one late'])
+def test_pictures_with_the_poses_of_others_are_told_by_those_that_show_most_of_the_same(order):
+    """Over 35 degrees two pictures show little of the same, next to each other in the list."""
+    cameras = around([-70, -35, 0, 35, 70])
+    right = fits_of(views_of_planes(cameras), [cameras])
+    assert right
+    assert max(each.excess for each in right) < 0.1
+    assert max(each.excess for each in fits_of(views_of_planes(cameras[order], cameras),
+                                               [cameras])) > 2
+
+
 def test_stated_errors_allow_more():
     views = views_of_planes(CAMERAS[:2])
     stated = [replace(each, sigma=(0.02, 0.07)) for each in views]  # ten times those taken
