@@ -309,7 +309,7 @@ class MultiViewLocalizer(Closing):
 
 @dataclass(frozen=True)
 class _Request:
-    """What `MultiViewLocalizer.localize` was request. also: (k, 4, 4) where to look besides."""
+    """What `MultiViewLocalizer.localize` was asked for. also: (k, 4, 4) where to look besides."""
 
     start: NDArray[np.float64] | None
     watch: Watch | None
