@@ -121,21 +121,31 @@ def centre_view(light_field: LightField) -> PosedView:
 
 def check_pose(pose: NDArray[np.float64], name: str) -> None:
     """Raise LightFieldError unless a matrix is a rotation and a shift (4, 4)."""
-    shown = np.round(pose, 4).tolist()
-    if pose.shape != (4, 4) or not (abs(pose) < _FAR).all() or (pose[3] != [0, 0, 0, 1]).any():
-        by_column = (pose.shape == (4, 4) and (pose[3] != [0, 0, 0, 1]).any()
-                     and (pose[:, 3] == [0, 0, 0, 1]).all())
-        raise LightFieldError(
-            f'{name} is no pose' + (', it is written column by column' if by_column else '')
-            + f': expected a (4, 4) matrix, row by row, with numbers up to {_FAR:g} and the last '
-            f'row 0, 0, 0, 1, not {shown}')
+    if wrong := _no_pose(pose):
+        raise LightFieldError(f'{name} is no pose: {wrong}; expected 4x4 numbers, row by row, the '
+                              'last row 0, 0, 0, 1')
     turn = pose[:3, :3]
     off = float(abs(turn @ turn.T - np.eye(3)).max())
-    if off > _RIGID or np.linalg.det(turn) < 0:
-        raise LightFieldError(f'{name} is no rotation: ' + (
-            f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed; write it with '
-            "more digits, or as scipy's Rotation.from_matrix(R).as_matrix()"
-            if off > _RIGID else 'it mirrors (its determinant is -1)') + f': {shown}')
+    if off > _RIGID:
+        raise LightFieldError(f'{name} is no rotation: its rows are {off:.2g} off being '
+                              f'orthonormal, {_RIGID:g} is allowed; write it with more digits, or '
+                              "as scipy's Rotation.from_matrix(R).as_matrix()")
+    if np.linalg.det(turn) < 0:
+        raise LightFieldError(f'{name} is no rotation: it mirrors (its determinant is -1); is an '
+                              'axis turned round, or are two exchanged?')
+
+
+def _no_pose(pose: NDArray[np.float64]) -> str:
+    """Why numbers are no rotation and shift, whatever they are; empty where they may be."""
+    if pose.shape != (4, 4):
+        return f'its shape is {pose.shape}'
+    if not (abs(pose) < _FAR).all():
+        return f'it has a number that is NaN, or beyond {_FAR:g}'
+    if (pose[3] == [0, 0, 0, 1]).all():
+        return ''
+    by_column = (pose[:, 3] == [0, 0, 0, 1]).all()
+    return ('it is written column by column' if by_column
+            else f'its last row is {", ".join(f"{each:.4g}" for each in pose[3])}')
 
 
 def quaternion_pose(position: Sequence[float], quaternion: Sequence[float], name: str

@@ -37,15 +37,15 @@ def test_a_rounded_rotation_is_one():
     ({'picture': PICTURE.astype(float)}, 'is float64'),
     ({'picture': PICTURE * np.float32(2)}, 'not 0 to 1'),
     ({'picture': np.where(PICTURE[0, 0, 0] == PICTURE, np.float32(np.nan), PICTURE)}, 'NaN'),
-    ({'camera_to_reference': posed(np.full((3, 3), np.nan))}, 'is no pose: .* 0, 0, 0, 1, not'),
+    ({'camera_to_reference': posed(np.full((3, 3), np.nan))}, 'is no pose: .* NaN, or beyond'),
     ({'camera_to_reference': posed(position=(1, 2, 3)).T},
-     '^camera_to_reference is no pose, it is written column by column: .* row 0, 0, 0, 1, not '),
+     '^camera_to_reference is no pose: it is written column by column; expected .* 0, 0, 0, 1$'),
     ({'camera_to_reference': posed(0.998001234 * np.eye(3))}, r'^camera_to_reference is no '
-     r'rotation: its rows are 0\.004 off .*as_matrix\(\): \[\[0\.998, 0\.0, 0\.0, 1\.0\], '),
+     r'rotation: its rows are 0\.004 off .*as_matrix\(\)$'),
     ({'camera_to_reference': posed(-np.eye(3))}, 'is no rotation: it mirrors'),
     ({'camera_to_reference': posed(position=(0, np.nan, 0))}, 'is no pose'),
-    ({'camera_to_reference': posed(last=(0, 0, 0, 2))}, 'is no pose'),
-    ({'camera_to_reference': np.eye(3)}, 'is no pose'),
+    ({'camera_to_reference': posed(last=(0, 0.123456, 0, 2))}, 'its last row is 0, 0.1235, 0, 2;'),
+    ({'camera_to_reference': np.eye(3)}, r'is no pose: its shape is \(3, 3\)'),
     ({'sigma': (0.001, -0.1)}, 'not negative'), ({'sigma': (np.inf, 0)}, 'finite')])
 def test_what_does_not_fit_is_refused_in_one_line(change, reason):
     values = {'header': Header(), 'picture': PICTURE, 'pinhole': PINHOLE} | change

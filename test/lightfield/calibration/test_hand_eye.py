@@ -209,7 +209,7 @@ def test_pictures_with_late_poses_are_left_out_and_their_cause_is_not_sought(see
 def test_matrices_by_columns_and_an_arm_that_never_fits_are_refused():
     arm = simulated_arm(np.random.default_rng(7))
     turned = [replace(each, mount_to_base=each.mount_to_base.T) for each in arm.pictures]
-    with pytest.raises(LightFieldError, match=r'is no pose, it is written column by column: '):
+    with pytest.raises(LightFieldError, match='is no pose: it is written column by column; '):
         hand_eye(turned, arm.board, arm.pinhole)
     rng = np.random.default_rng(8)
     wrong = [replace(each, mount_to_base=retract(
