@@ -1,6 +1,7 @@
 """A robot's bag of images and camera poses -> PosedViews, as `sweep_driver` collects them."""
 
 import logging
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,9 @@ _TF, _TF_STATIC = '/tf', '/tf_static'
 _ALL, _VALUES = '/**', 'ros__parameters'  # of a parameter file
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
 _Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
+# Words in names of topics.
+_OF_ARM = {'arm', 'ee', 'eef', 'effector', 'flange', 'gripper', 'hand', 'tcp', 'tool', 'wrist'}
+_OF_CAMERA = {'cam', 'camera', 'eye', 'optical'}
 _APART = 1_000_000_000  # ns: recordings of images and poses begin and end together, nearly
 
 
@@ -67,7 +71,8 @@ def has_images_with_poses(bag: Path | str) -> bool:
 def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
     """A view of each place where the camera came to rest, in the frame of the poses.
 
-    The log says which frames were left out, a warning if motion was not the reason. Raises
+    The log says whose poses are taken for the camera's, a warning if they seem to be an arm's; and
+    which frames were left out, a warning if motion was not the reason. Raises
     BagError where topics are missing or hold what they should not, and where there is no view.
     """
     there = topics(bag)
@@ -76,6 +81,7 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
     if not any(each[:2] == (info, _INFO) and each.messages for each in there):
         raise BagError(f'{bag} has no {info} (CameraInfo) beside {image}: record it too')
     pose = _chosen(bag, settings.pose_topic, _pose_topics(there), 'camera_pose', '--pose-topic')
+    _tell_poses(bag, pose, settings)
     try:
         frame, poses, posed = (_tf(bag, settings) if pose == _TF
                                else _stamped(bag, pose, settings))
@@ -90,6 +96,18 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
         usual = all(each.spare or each.moved for each in found.left_out)
         _LOG.log(logging.INFO if usual else logging.WARNING, '%s: %s', bag, found.describe())
     return found.source
+
+
+def _tell_poses(bag: Path | str, topic: str, settings: BagViews) -> None:
+    """Log whose poses are taken for the camera's; a warning if they seem to be an arm's."""
+    words = {*re.findall('[a-z]+', topic.lower())}
+    placed = any((*settings.mount_position, *settings.mount_rpy))
+    if words & _OF_ARM and not words & _OF_CAMERA and not placed:
+        _LOG.warning("%s: the poses of %s are taken for the camera's optical frame: are they of "
+                     'the arm? Then give the hand-eye transform, mount_position and mount_rpy '
+                     '(--collect)', bag, topic)
+    else:
+        _LOG.info('%s: camera poses by %s', bag, topic)
 
 
 def _check_clocks(taken: Sequence[int], posed: Sequence[int]) -> None:

@@ -194,6 +194,20 @@ def test_clocks_that_differ_are_told(tmp_path, make, late):
         read_bag(bag_of(tmp_path, ROBOT.info(), images, make()))
 
 
+@pytest.mark.parametrize(('topic', 'wanted', 'asked'), [
+    ('/ee_pose', None, True), ('/robot/tool0/pose', None, True),
+    ('/arm/wrist_pose', BagViews(pose_topic='/arm/wrist_pose'), True), ('/ee_pose', MOUNT, False),
+    ('/wrist/camera_pose', None, False), ('/handle_pose', None, False), ('/pose', None, False)])
+def test_whose_poses_are_the_camera_s_is_told_and_asked_for_those_of_an_arm(
+        tmp_path, caplog, topic, wanted, asked):
+    poses = ROBOT.poses(topic, HAND_EYE if wanted is MOUNT else None)
+    with caplog.at_level(logging.INFO):
+        assert_rests(read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), poses), wanted))
+    line, = [each for each in caplog.records if f' {topic}' in each.message]
+    assert (line.levelno, 'are they of the arm?' in line.message) == (
+        (logging.WARNING, True) if asked else (logging.INFO, False))
+
+
 def test_poses_in_millimetres_are_asked_for_once(tmp_path, caplog):
     read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses(unit=1000)))
     line, = caplog.messages
