@@ -196,14 +196,14 @@ def read(bag: Path | str, only: Container[str] | None = None) -> Iterator[Record
     """The messages of a bag in the order of their times, a chunk of it in memory at a time.
 
     only: the names of the topics that are wanted. What has a checksum is checked, and BagError
-    raised where it is wrong; of a bag without checksums a warning says so.
+    raised where it is wrong; of a bag without checksums the log says so.
     """
     with _explained(bag):
         for file in _opened(Path(bag)):
             wanted = {number: (each, _qos(each)) for number, each in file.channels.items()
                       if only is None or each.topic in only}
             if wanted and not file.checked:
-                _warn_unchecked(str(bag))
+                _tell_unchecked(str(bag))
             for time_ns, number, cdr in file.messages(wanted):
                 channel, qos = wanted[number]
                 yield Recorded(channel.topic, channel.type, time_ns, bytes(cdr), qos)
@@ -267,10 +267,9 @@ def _explained(bag: Path | str) -> Iterator[None]:
 
 
 @cache
-def _warn_unchecked(bag: str) -> None:
-    """Once for each bag."""
-    _LOG.warning('%s has no checksums: damage to its messages would not be noticed; a bag that '
-                 'is recorded anew has them', bag)
+def _tell_unchecked(bag: str) -> None:
+    """Once for each bag. No warning: recorders of others write none, and nothing is wrong."""
+    _LOG.info('%s has no checksums: damage to its messages would not be noticed', bag)
 
 
 def _qos(channel: Channel) -> Qos:
