@@ -22,6 +22,7 @@ from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.multi_view.view_warnings import (
     warn_of_disagreement,
     warn_of_errors,
+    warn_of_region,
     warn_of_unused,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -90,7 +91,10 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
                 views, rng, ending, replace(request, also=found.modes)))
-        warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
+        told = warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
+        if found.estimate.lost and not told:
+            warn_of_region(given, self._settings.roi_center, self._settings.roi_size,
+                           self.model.radius)
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         if not found.estimate.lost:
             warn_of_errors(found.understated)

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
@@ -11,12 +12,15 @@ from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 
 _LOG = logging.getLogger(__name__)
+_PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
 def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], used: int,
-                   is_lost: bool) -> None:
+                   is_lost: bool) -> bool:
     """Warn where so few views see the region that it is a mistake; of a lost object, not all.
+
+    Returns whether it did.
 
     center: (3,) of the region, in the reference frame [m]. used: number of views that see any of
     the region. Where the object is lost, its middle counts.
@@ -26,9 +30,45 @@ def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], 
     if is_lost and used == given:
         what = f'the middle of {what}'
         used = sum(sees(*each, center) for each in cameras)
-    if used < (given if is_lost else given / 2):
-        _LOG.warning('%d of %d views see %s: %s (pmcl --verbose tells why of each)', used, given,
-                     what, likely_mistake(cameras, center))
+    if used >= (given if is_lost else given / 2):
+        return False
+    _LOG.warning('%d of %d views see %s: %s (pmcl --verbose tells why of each)', used, given,
+                 what, likely_mistake(cameras, center))
+    return True
+
+
+def warn_of_region(evidence: ViewsEvidence, center: tuple[float, float, float],
+                   size: tuple[float, float, float], radius: float) -> None:
+    """Warn where the cameras of a lost object look at one place outside of the region.
+
+    center, size: of the region [m]. radius: of the object about its origin [m], whose middle is
+    about half of that away from it.
+    """
+    target = _looked_at(np.array([each.camera_to_reference for each in evidence.views]))
+    if target is None:
+        return
+    place, apart = target
+    outside = np.linalg.norm(np.maximum(np.abs(place - center) - np.array(size) / 2, 0))
+    if outside > max(apart, radius / 2):
+        _LOG.warning('lost, and the cameras look at (%.3g, %.3g, %.3g) m, which is %.0f mm '
+                     'outside of the region of interest: is its centre right?', *place,
+                     1e3 * outside)
+
+
+def _looked_at(cameras: NDArray[np.float64]) -> tuple[NDArray[np.float64], float] | None:
+    """The place (3,) nearest to the optical axes of cameras (n, 4, 4), and its distance from them.
+
+    The distance is the rms [m]. None where axes are almost parallel, or meet behind a camera.
+    """
+    axes, places = cameras[:, :3, 2], cameras[:, :3, 3]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]
+    if np.linalg.eigvalsh(across.mean(axis=0))[0] < _PARALLEL:
+        return None
+    meet = np.linalg.solve(across.sum(axis=0), np.einsum('nij,nj->i', across, places))
+    if (((meet - places) * axes).sum(axis=1) <= 0).any():
+        return None
+    off = np.einsum('nij,nj->ni', across, meet - places)
+    return meet, float(np.sqrt(np.square(off).sum(axis=1).mean()))
 
 
 def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:

@@ -29,6 +29,7 @@ from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.second_hypothesis import shown_in
+from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_region
 from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -489,6 +490,33 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
                                     views_of_planes(cameras, poses), strict=True)))
     assert found(CUP, evidence, settings(size=(0.5, 0.5, 0.5))).lost
     assert f'px off their epipolar lines; {asked}' in caplog.text
+
+
+def test_a_region_beside_what_the_cameras_look_at_is_asked_for(context, caplog):
+    evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 0, 20]), CAMERA)
+    assert found(CUP, evidence, settings((*MIDDLE[:2], 0.57), (0.1, 0.1, 0.1))).lost
+    assert 'lost, and the cameras look at (' in caplog.text
+    caplog.clear()
+    assert found(BRACKET, evidence).lost
+    assert 'the cameras look at' not in caplog.text
+
+
+HALF_A_TURN = pose_of(Rotation.from_euler('x', 180, degrees=True), [0, 0, 0])
+RAISED = pose_of(np.eye(3), [0, -0.9, 0])  # past the region, 0.15 m beside it in the mean
+
+
+@pytest.mark.parametrize(('cameras', 'radius', 'told'), [
+    (around([-20, 20]), 0.15, True), (around([-20, 20]), 0.25, False),
+    (around([0, 3]), 0.15, False), (around([-20, 20]) @ HALF_A_TURN, 0.15, False),
+    (np.concatenate([around([-20]), RAISED @ around([20])]), 0.15, False)],
+    ids=['told', 'large object', 'almost parallel', 'backwards', 'at no one place'])
+def test_it_is_asked_only_of_cameras_that_look_at_one_place(caplog, cameras, radius, told):
+    """Their axes pass the middle at its distance from that of the first camera."""
+    evidence = ViewsEvidence(Header(7, 'base'), tuple(PosedEvidence(None, each)
+                                                      for each in cameras))
+    warn_of_region(evidence, (0, -0.2, MIDDLE[2]), (0.2, 0.2, 0.2), radius)
+    assert len(caplog.messages) == told
+    assert ('m, which is 100 mm outside of the region of interest: ' in caplog.text) == told
 
 
 def test_camera_errors_are_what_the_cameras_see():
