@@ -81,17 +81,8 @@ class Estimator:
         symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
-        ours = poses[posterior.own == order[0]]
-        pose = self._representative(symmetry.mean_pose(ours))
-        local = local_model_at(pose, True)
-        mode = posterior.modes[order[0]]
-        # The particles of a Gaussian are on average half a nat per degree of freedom less likely
-        # than its mean. The mean of several maxima can be less likely than its particles.
-        less = posterior.modes[0].local.scale * (mode.local.evidence - local.evidence)
-        if flat and less > len(local.gradient) / 2:
-            pose = self._representative(symmetry.canonical_spin(mode.pose))
-            local = local_model_at(pose, True)
-        ours = symmetry.nearest_equivalents(ours, pose)
+        pose, local = self._in_mode(posterior, order[0], local_model_at, flat)
+        ours = symmetry.nearest_equivalents(poses[posterior.own == order[0]], pose)
         # The model error adds to the uncertainty of the posterior.
         error = local.basis @ local.model_error @ local.basis.T
         spread = symmetry.covariance(ours, pose) + error
@@ -105,8 +96,8 @@ class Estimator:
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
-        partly, absent = support < least.support, evidence < least.evidence
-        ambiguous = bool(shares[order[0]] < least.weight)
+        partly = support < least.support
+        otherwise = evidence < least.evidence or bool(shares[order[0]] < least.weight)
         particles = symmetry.nearest_equivalents(retract(poses, off), pose)
         if math.isfinite(degrees_of_freedom):
             centers = np.stack([each.pose for each in posterior.modes])
@@ -115,11 +106,28 @@ class Estimator:
                                     degrees_of_freedom, rng)
         return PoseEstimate(header, pose, spread, particles,
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            partly or absent or ambiguous, self.settings.mode, modes, support,
-                            evidence, incomplete=partly and not (absent or ambiguous),
-                            in_view=in_view, least_support=least.support,
-                            least_evidence=least.evidence, least_weight=least.weight,
-                            degrees_of_freedom=degrees_of_freedom)
+                            partly or otherwise, self.settings.mode, modes, support,
+                            evidence, incomplete=partly and not otherwise, in_view=in_view,
+                            least_support=least.support, least_evidence=least.evidence,
+                            least_weight=least.weight, degrees_of_freedom=degrees_of_freedom)
+
+    def _in_mode(self, posterior: Posterior, number: int, local_model_at: LocalModelAt, flat: bool
+                 ) -> tuple[NDArray[np.float64], LocalModel]:
+        """The pose (4, 4) that stands for a mode of a posterior, and its local model.
+
+        flat: as of `from_posterior`.
+        """
+        symmetry, mode = self.model.symmetry, posterior.modes[number]
+        mean = symmetry.mean_pose(posterior.poses[posterior.own == number])
+        pose = self._representative(mean)
+        local = local_model_at(pose, True)
+        # The particles of a Gaussian are on average half a nat per degree of freedom less likely
+        # than its mean. The mean of several maxima can be less likely than its particles.
+        less = posterior.modes[0].local.scale * (mode.local.evidence - local.evidence)
+        if flat and less > len(local.gradient) / 2:
+            pose = self._representative(symmetry.canonical_spin(mode.pose))
+            local = local_model_at(pose, True)
+        return pose, local
 
     def from_prior(self, header: Header, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:
