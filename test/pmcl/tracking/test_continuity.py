@@ -105,6 +105,22 @@ def test_what_looks_alike_with_its_origin_outside_the_region_is_not_chosen():
     continuity = Continuity(CARTON, WIDE)
     continuity.follow(replace(there, pose=pose @ UPSIDE_DOWN))
     np.testing.assert_allclose(continuity.follow(there).pose, pose @ UPSIDE_DOWN, atol=1e-12)
+    # So it does in one that holds neither, which the object has left.
+    continuity = Continuity(CARTON, Box((1, 0, 0.5), (0.02, 0.02, 0.02)))
+    continuity.follow(replace(there, pose=pose @ UPSIDE_DOWN))
+    np.testing.assert_allclose(continuity.follow(there).pose, pose @ UPSIDE_DOWN, atol=1e-12)
+
+
+@pytest.mark.parametrize('known', [(True, False), (False, True)], ids=['then', 'now'])
+def test_a_camera_that_is_known_of_one_capture_alone_is_of_no_account(known):
+    camera = pose_of(Rotation.from_rotvec([0, 2, 0]), [0.3, 0, 0.2])
+    pose = pose_of(Rotation.identity(), [0, 0, 0.5])
+    first = replace(estimate_at(pose, CARTON), pose=pose @ UPSIDE_DOWN)
+    second = replace(estimate_at(pose, CARTON), pose=pose)
+    continuity = Continuity(CARTON, WIDE)
+    continuity.follow(first, camera if known[0] else None)
+    found = continuity.follow(second, camera if known[1] else None)
+    np.testing.assert_allclose(found.pose, first.pose, atol=1e-12)
 
 
 def test_the_choice_is_free_again_after_a_reset_and_in_another_frame_but_not_after_a_loss():

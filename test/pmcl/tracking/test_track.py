@@ -75,6 +75,23 @@ def test_half_of_the_mean_evidence_is_enough():
         assert statistics.has_half_evidence(seen(-9, evidence)) == there
 
 
+def test_what_faded_below_zero_evidence_is_found_anew_by_evidence_that_speaks_for_it():
+    statistics = TrackStatistics()
+    for _ in range(10):
+        statistics.add(seen(0.5, -1.0))
+    for evidence, there in ((1e-6, True), (-1e-6, False)):
+        assert statistics.has_half_evidence(seen(0.5, evidence)) == there
+
+
+def test_scores_of_no_contour_are_not_remembered():
+    statistics, mean, scatter = observations(30, np.random.default_rng(6))
+    for support, evidence in ((-np.inf, 2), (0.5, -np.inf), (np.nan, np.nan)):
+        statistics.add(seen(support, evidence))
+    limit = mean - 3 * np.maximum(scatter, 0.2)
+    for off, held in ((1e-6, True), (-1e-6, False)):
+        assert statistics.within_three_sigma(seen(*(limit + off)), 0.2).tolist() == [held, held]
+
+
 SUPPORT, EVIDENCE = 1.0, 2.0  # nat / px, of all observations
 
 
@@ -101,6 +118,43 @@ def track_of(observations, **values):
     for _ in range(observations):
         track.statistics.add(at(0))
     return track
+
+
+def test_a_prediction_is_as_wide_as_its_particles_whichever_of_them_is_the_first():
+    poses = retract(np.eye(4), np.random.default_rng(1).normal(size=(4000, 6)) * 0.01)
+    poses[0] = retract(np.eye(4), np.full((1, 6), 0.05))[0]
+    made = Prediction.from_state(State.at_rest(0, poses, None), Symmetry())
+    np.testing.assert_allclose(made.mean, np.eye(4), atol=1e-3)
+    np.testing.assert_allclose(made.covariance, 1e-4 * np.eye(6), atol=1e-5)
+
+
+def test_an_estimate_that_is_lost_in_its_own_capture_passes_no_gate():
+    """Absent, or one of several places: only a missing part may be made up for."""
+    for track in (track_of(12, since_search=1, confirmations=1), track_of(0),
+                  replace(track_of(12), observed=False)):
+        for mode in ('followed', 'default'):
+            for expected in (prediction(), None):
+                assert track.passes_gate(at(0, mode=mode), expected)
+                assert not track.passes_gate(at(0, mode=mode, lost=True), expected)
+
+
+def test_a_detection_must_look_as_usual_where_the_object_is_expected_and_half_as_well_elsewhere():
+    faint = at(0, mode='default', support=SUPPORT - 1.8)
+    track = track_of(12)
+    assert not track.passes_gate(faint, prediction())
+    for other in (replace(track, observed=False).passes_gate(faint, prediction()),
+                  track.passes_gate(faint, prediction(0.06)), track.passes_gate(faint, None)):
+        assert other
+    assert not track.passes_gate(replace(faint, evidence=0.4 * EVIDENCE), prediction(0.06))
+
+
+def test_a_part_is_found_anew_where_it_looks_as_usual_and_nothing_is_followed():
+    part = partly(mode='default')
+    for track, expected, found in (
+            (track_of(12), None, True), (track_of(12), prediction(), False),
+            (replace(track_of(12), observed=False), prediction(), True),
+            (track_of(9), None, False)):
+        assert track.passes_gate(part, expected) == found
 
 
 @pytest.mark.parametrize('name', ['support', 'evidence'])
@@ -152,6 +206,17 @@ def test_a_detection_must_be_likelier_than_the_prediction_by_the_penalty():
             (False, True, 0) if elsewhere else (True, False, 1))
 
 
+def test_a_lost_object_is_where_it_is_likelier_and_an_agreeing_detection_confirms_at_any_ratio():
+    elsewhere, same = at(0.06, mode='default'), at(0.001, mode='default')
+    for log_ratio in (-1.0, 1.0):
+        lost = replace(track_of(12, state=prediction().state), observed=False)
+        estimate, accepted = lost.select(at(0.0), elsewhere, log_ratio, prediction())
+        assert (estimate is elsewhere, accepted) == (log_ratio > 0, True)
+    track, followed = track_of(12, state=prediction().state), at(0.0)
+    assert track.select(followed, same, 20.0, prediction()) == (followed, True)
+    assert (track.observed, track.confirmations) == (True, 1)
+
+
 def test_a_pose_is_predicted_in_the_ellipsoid_that_holds_it_in_99_of_100_captures():
     edge = 0.01 * stats.chi2.ppf(0.99, 6) ** 0.5
     for x, inside in ((0.9 * edge, True), (1.1 * edge, False)):
@@ -174,3 +239,6 @@ def test_before_the_statistics_are_known_both_searches_must_agree():
     assert not track.matches_history(partly(), prediction(), agree=False)
     assert not track.matches_history(replace(partly(), incomplete=False), prediction(), agree=True)
     assert not replace(track, observed=False).matches_history(partly(), prediction(), agree=True)
+    for in_view, matches in ((0.5, True), (0.49, False)):
+        for each in (track, track_of(12)):
+            assert each.matches_history(partly(in_view=in_view), prediction(), True) == matches
