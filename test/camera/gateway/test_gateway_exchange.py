@@ -10,6 +10,7 @@ import pytest
 
 from pmcl_ros.camera.client import Picture, PictureQueue
 from pmcl_ros.camera.gateway.client import GatewayClient
+from pmcl_ros.camera.gateway.exchange import Exchanges
 from pmcl_ros.camera.gateway.settings import GatewaySettings
 from pmcl_ros.runtime.errors import CameraError, LinkError
 
@@ -113,3 +114,57 @@ def test_closing_ends_all_waits():
             with pytest.raises(LinkError, match='is closed'):
                 each.result(LONG)
         assert not another.done()  # of another client
+
+
+@pytest.fixture
+def connected():
+    """(our end of a connection, which gives up after a while; the other end)."""
+    ours, other = socket.socketpair()
+    ours.settimeout(LONG)
+    with ours, other:
+        yield ours, other
+
+
+def test_the_limit_of_an_answer_is_in_place_of_that_of_the_request(connected):
+    """A large picture takes longer than an answer may keep one waiting."""
+    ours, other = connected
+    with Exchanges().begin(0.2) as exchange:
+        exchange.uses(ours)
+        exchange.answers(LONG, 2 * LONG)
+        time.sleep(0.5)
+        other.sendall(b'x')
+        assert ours.recv(1) == b'x'
+        assert (exchange.ended, exchange.limit) == (False, 2 * LONG)
+        exchange.answers(0.1, LONG)
+        with pytest.raises(TimeoutError):  # of silence
+            ours.recv(1)
+        assert not exchange.ended
+
+
+def test_what_has_ended_stays_ended_and_takes_its_next_socket_with_it(connected):
+    ours, _ = connected
+    with Exchanges().begin(2 * LONG) as exchange:
+        exchange.end()  # while it connects
+        exchange.answers(LONG, LONG)
+        assert (exchange.ended, exchange.limit) == (True, 2 * LONG)
+        exchange.uses(ours)
+        assert ours.recv(1) == b''
+
+
+def test_what_is_over_leaves_its_socket_to_the_next(connected):
+    ours, other = connected
+    exchanges = Exchanges()
+    with exchanges.begin(0.2) as first:
+        first.uses(ours)
+    with exchanges.begin(LONG) as second:
+        second.uses(ours)
+        time.sleep(0.5)
+        assert not first.ended  # its limit is over with it
+        first.end()
+        other.sendall(b'x')
+        assert ours.recv(1) == b'x'
+        exchanges.end_all()
+        assert second.ended
+        assert ours.recv(1) == b''
+    with exchanges.begin(LONG) as third:
+        assert not third.ended
