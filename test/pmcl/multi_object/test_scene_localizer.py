@@ -64,14 +64,26 @@ def test_the_same_seed_gives_the_same_poses_bit_for_bit(found, overlapping):
         np.testing.assert_array_equal(one.particles, other.particles)
 
 
-def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_lost():
+def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_lost(monkeypatch):
+    localize, searched = Localizer.localize, []
+    monkeypatch.setattr(Localizer, 'localize', lambda each, edges, *given, feasible: (
+        searched.append((edges, feasible)),
+        localize(each, edges, *given, feasible=feasible))[1])
     left, right = standing(-0.04, 0, 0.42, 0.2), standing(0.035, 0.01, 0.4, 0.2)
-    found = located([CUP, BOTTLE, CUP], seen_together([(CUP, right), (CUP, left)]))
+    volume = seen_together([(CUP, right), (CUP, left)])
+    found = located([CUP, BOTTLE, CUP], volume)
     assert found.names == ('cup', 'bottle', 'cup_2')
     assert [each.lost for each in found.estimates] == [False, True, False]
     for estimate, truth in zip(found.estimates[::2], (left, right), strict=True):
         assert error(estimate, truth, CUP).translation < 0.006
     assert found.depth <= MAX_PENETRATION
+    # Once more the absent one is searched for: outside of the others, in what edges they leave.
+    assert [edges is volume and feasible is None for edges, feasible in searched] == [
+        True, True, False]
+    edges, feasible = searched[2]
+    assert (edges.tensor > 0.2).sum() < 0.3 * (volume.tensor > 0.2).sum()
+    np.testing.assert_array_equal(feasible(np.stack([left, right, standing(0, 0.2, 0.4)])),
+                                  [False, False, True])
 
 
 def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_sight():
