@@ -69,6 +69,26 @@ def test_another_picture_of_its_name_is_replaced_by_force_only(picture):
     np.testing.assert_array_equal(read_raw_frame(path).counts, COUNTS[::-1])
 
 
+@pytest.mark.parametrize('name', ['IMG.RAW', 'IMG.RAW.xz', 'IMG.LFP'])
+def test_who_reads_a_picture_that_is_replaced_has_the_whole_old_one(picture, tmp_path, name):
+    frame = replace(read_raw_frame(picture('OTHER.RAW', 'OTHER.TXT')))
+    write_raw_frame(tmp_path / name, frame)
+    before = (tmp_path / name).read_bytes()
+    with (tmp_path / name).open('rb') as stream:
+        write_raw_frame(tmp_path / name, replace(frame, counts=COUNTS[::-1]), force=True)
+        assert stream.read() == before
+    assert (tmp_path / name).read_bytes() != before
+    assert not list(tmp_path.glob('*.part'))
+
+
+def test_a_picture_that_cannot_be_written_leaves_no_part_of_it(picture, tmp_path):
+    frame = read_raw_frame(picture('OTHER.RAW', 'OTHER.TXT'))
+    (tmp_path / 'IMG.RAW').mkdir()
+    with pytest.raises(CameraError, match=r'cannot write .*IMG\.RAW'):
+        write_raw_frame(tmp_path / 'IMG.RAW', frame, force=True)
+    assert not list(tmp_path.glob('*.part'))
+
+
 def test_every_flipped_byte_of_an_xz_file_is_refused(picture):
     path = picture('IMG.RAW.xz')
     data = path.read_bytes()

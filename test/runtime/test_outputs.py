@@ -97,6 +97,43 @@ def test_a_run_that_failed_is_repeated(tmp_path):
         write(tmp_path, 'result')
 
 
+def test_what_a_killed_run_would_have_written_is_not_its_own_for_ever(tmp_path):
+    Results(tmp_path, 'decode').reserve('a.txt', 'b.txt')  # it never ended, nor wrote them
+    write(tmp_path, 'whole')
+    (tmp_path / 'b.txt').write_text('mine')
+    with pytest.raises(OutputError):
+        write(tmp_path, 'result', name='b.txt')
+    assert (tmp_path / 'b.txt').read_text() == 'mine'
+
+
+@pytest.mark.parametrize('remove', [Results.remove_earlier, Results.remove_others])
+def test_what_earlier_runs_wrote_and_nobody_changed_is_removed(tmp_path, remove):
+    names = '0/a.txt', '0/b.txt', '1/a.txt', 'c.txt', 'again.txt'
+    with Results(tmp_path, 'decode') as results:
+        for name in names:
+            results.path(name).write_text(name)
+    write(tmp_path, 'of another', command='localize', name='d.txt')
+    (tmp_path / '0' / 'b.txt').write_text('mine')
+    with Results(tmp_path, 'decode') as results:
+        results.path('again.txt')
+        remove(results)
+    left = {each.relative_to(tmp_path).as_posix() for each in tmp_path.rglob('*')}
+    assert left - {'again.txt'} == {'0', '0/b.txt', 'd.txt', NOTE}
+    assert ('again.txt' in left) == (remove is Results.remove_others)
+    assert (tmp_path / '0' / 'b.txt').read_text() == 'mine'
+
+
+def test_what_is_forced_stays_until_it_is_written(tmp_path):
+    (tmp_path / 'a.txt').write_text('mine')
+    with Results(tmp_path, 'decode', force=True) as results:
+        results.path('a.txt')
+        results.remove_earlier()
+        results.remove_others()
+    assert (tmp_path / 'a.txt').read_text() == 'mine'
+    with pytest.raises(OutputError):  # it was not written after all
+        write(tmp_path, 'result')
+
+
 def test_commands_share_a_folder(tmp_path):
     with Results(tmp_path, 'decode') as one, Results(tmp_path, 'localize') as other:
         one.path('a.txt').write_text('a')

@@ -154,6 +154,8 @@ def test_what_has_ended_stays_ended_and_takes_its_next_socket_with_it(connected)
 def test_what_is_over_leaves_its_socket_to_the_next(connected):
     ours, other = connected
     exchanges = Exchanges()
+    with exchanges.begin(LONG) as over:
+        pass
     with exchanges.begin(0.2) as first:
         first.uses(ours)
     with exchanges.begin(LONG) as second:
@@ -164,7 +166,7 @@ def test_what_is_over_leaves_its_socket_to_the_next(connected):
         other.sendall(b'x')
         assert ours.recv(1) == b'x'
         exchanges.end_all()
-        assert second.ended
+        assert (over.ended, second.ended) == (False, True)
         assert ours.recv(1) == b''
     with exchanges.begin(LONG) as third:
         assert not third.ended
