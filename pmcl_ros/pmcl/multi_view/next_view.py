@@ -146,7 +146,7 @@ class _Known:
         stretches = [each.stretches() for each in terms]
         return replace(known, stretches=stretches,
                        information=information + sum(each.information for each in terms),
-                       displaced=_displaced(stretches, stretches, error))
+                       displaced=known.displaced + _displaced(stretches, stretches, error))
 
     def terms(self, seen: ViewContour, number: int) -> ViewTerms:
         """Of a view with a number among `errors`, in all n unknowns."""
@@ -194,7 +194,8 @@ class _Known:
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
                ) -> NDArray[np.float64]:
-    """(n, n) covariance by the model error of what views and others add to the gradient."""
+    """(n, n) covariance by the model error of what views and others add to the gradient; () 0
+    where one of them are none."""
     if not (views and others):
         return np.zeros(())
     distance, same_side, alike = pairs(views, others, error)

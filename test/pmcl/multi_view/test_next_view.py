@@ -75,6 +75,17 @@ def test_the_same_view_again_brings_little(seen):
     assert told[-1].sigma > 0.85 * told[-1].now
 
 
+def test_where_no_view_shows_a_pose_one_that_does_brings_all(seen):
+    truth, cameras, evidence = seen
+    aside = np.eye(4)
+    aside[0, 3] = 0.5
+    told = next_views(evidence, CUP, settings(), aside @ truth,
+                      np.stack([cameras[1], aside @ cameras[1]]), COARSE)
+    np.testing.assert_array_equal(told[0].camera, aside @ cameras[1])
+    assert told[0].sigma < 0.1 * told[0].now
+    assert told[1].sigma == told[1].now == told[0].now
+
+
 def test_the_reference_frame_is_of_no_account(seen):
     truth, cameras, evidence = seen
     frame = np.eye(4)  # axes change places: a region stays a region
