@@ -1,5 +1,7 @@
 """The chart of how sure a pose is by each further view."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rclpy
@@ -30,7 +32,8 @@ class Teller(StageNode):
     name, settings_class = 'teller', Settings
 
     def set_up(self, _):
-        self.outputs = PosedViewsOutputs(self, True, PmclNodeSettings())
+        self.outputs = PosedViewsOutputs(
+            self, True, PmclNodeSettings(roi_center=(0, 0, 0)))  # where they look
 
     def start(self):
         self.outputs.start()
@@ -113,3 +116,21 @@ def test_a_pose_says_nothing_of_a_collection_that_is_being_searched(teller, user
     assert not unknown()
     teller.outputs.on_views(others)
     assert unknown()
+    teller.outputs.on_views(more)
+    assert not unknown()
+    teller.outputs.on_estimate(evidence, estimate_of(3, lost=True), CUP)
+    assert unknown()
+
+
+def test_a_next_view_is_one_beside_those_that_show_the_object(teller, user, small_edges):
+    """One that does not show it says nothing of how sure the pose is."""
+    views, evidence = seen_from(small_edges, 0.0, 0.1, 0.2)
+
+    def now(given, hidden=()):
+        teller.outputs.on_views(views)
+        teller.outputs.on_estimate(given, replace(estimate_of(3), hidden=hidden), CUP)
+        answer = user.call(Trigger, '/teller/next_view', Trigger.Request())
+        return answer.message.split(' mm now')[0]
+
+    all_of_them, shown = float(now(evidence)), float(now(evidence, (1,)))
+    assert shown == float(now(evidence.without((1,)))) != all_of_them
