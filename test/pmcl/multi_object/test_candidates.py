@@ -129,6 +129,14 @@ def test_two_in_one_place_are_not_both_there_and_the_better_one_is(observed):
     assert sorted(made.assigned(), key=str) == [*members[1:], None]
 
 
+def test_of_many_poses_the_best_ones_are_candidates_in_whatever_order_they_were_found(observed):
+    (left, _, _), _ = observed
+    worse = [replace(left, pose=standing(0, 0.1 * k, 0.5), local=replace(
+        left.local, evidence=left.local.evidence / 2)) for k in range(20)]
+    made, (members, _) = candidates([0, 0], [*worse, left])
+    assert members[-1] in made.assigned()
+
+
 def test_what_is_no_object_takes_the_worse_poses_in_its_place_with_it(observed):
     (left, right, aside), _ = observed
     made, (members, _) = candidates([0], [left, right, aside])
@@ -165,6 +173,14 @@ def test_what_is_more_likely_absent_has_no_support_and_what_is_hidden_is_out_of_
                        for each in (1.0, 0.5))
         assert whole - half == pytest.approx(1 / part)
     assert support_beside(behind, [cup], 0.3, -9) > support_beside(behind, [], 0.3, -9)
+    # Together both are worth what is seen of them.
+    made, ((one,), (other,)) = candidates([0, 1], [cup], [behind])
+    gains = [scale * (visible_evidence(each.points, [beside], scale).value
+                      - each.points.lengths @ each.points.evidence)
+             for each, beside, scale in ((cup, behind, made.scale(0)),
+                                         (behind, cup, made.scale(1)))]
+    assert sum(gains) > 10
+    assert made.value(other, [one]) - made.value(other, []) == pytest.approx(sum(gains))
 
 
 def test_to_be_moved_apart_costs_two_as_much_as_they_are_sure(observed):
