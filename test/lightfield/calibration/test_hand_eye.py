@@ -11,6 +11,7 @@ import yaml
 from click.testing import CliRunner
 from rclpy.context import Context
 from rclpy.node import Node
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
@@ -162,6 +163,20 @@ def test_no_right_picture_of_six_is_left_out():
     # By a chi-squared distribution one would be: as if the arm's errors were told.
     arm = simulated_arm(np.random.default_rng(1053), 6)
     assert hand_eye(arm.pictures, arm.board, arm.pinhole).left_out == ()
+
+
+@pytest.mark.parametrize(('count', 'chance', 'left'), [
+    (40, 1e-5, False), (40, 1e-7, True), (8, 1e-3, False), (8, 1e-6, True)])
+def test_the_more_pictures_the_farther_off_one_of_them_may_be(count, chance, left):
+    """One in ten thousand calibrations leaves a right picture out, of however many."""
+    exact = simulated_arm(np.random.default_rng(2), count, (1e-7, 1e-7), 1e-3)
+    told = 0.002, np.deg2rad(0.2)
+    aside = np.array([[0, 0, told[0] * stats.chi2.isf(chance, 6) ** 0.5, 0, 0, 0]])
+    pictures = list(exact.pictures)
+    pictures[3] = replace(pictures[3], mount_to_base=retract(
+        pictures[3].mount_to_base[None], aside)[0])
+    found = hand_eye(pictures, exact.board, exact.pinhole, told)
+    assert found.left_out == ((pictures[3].name,) if left else ())
 
 
 def test_too_few_pictures_and_parallel_axes_are_refused():
