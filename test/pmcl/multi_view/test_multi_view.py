@@ -36,6 +36,7 @@ from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.view_terms import (
     REACH,
     ViewContour,
@@ -162,6 +163,30 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
         found(CUP, replace(blind, views=blind.views[:1]))
     with pytest.raises(VolumeError, match='no evidence of any view'):
         ViewsEvidence(Header(), ())
+
+
+def test_errors_of_cameras_are_those_of_the_views_that_see_the_region(context):
+    errors = 1e-3 * np.random.default_rng(0).normal(size=(3, 6, 4))
+    evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 0, 20]))
+    left, middle, right = evidence.views
+    away = replace(middle, camera_to_reference=np.diag([-1.0, 1, -1, 1]))  # the other way
+    evidence = replace(evidence, views=(left, away, right), errors=errors)
+    joint = JointEvidence.from_views(evidence, NumbaRenderer(), CUP, settings())
+    assert joint.numbers == (0, 2)
+    np.testing.assert_array_equal(joint.errors.root, errors[::2])
+
+
+def test_the_share_in_view_is_that_in_the_view_that_shows_most(context):
+    truth, cameras = truth_of(CUP), around([0, -20])
+    while share_in_view(CUP, np.linalg.inv(cameras[0]) @ truth, COARSE) > 0.75:
+        cameras[0][0, 3] += 0.005
+    evidence = maps_seen(context, CUP, truth, cameras)
+    for count, share in ((1, (0.3, 0.9)), (2, (1.0, 1.0))):
+        estimate = found(CUP, replace(evidence, views=evidence.views[:count]))
+        shares = [share_in_view(CUP, np.linalg.inv(camera) @ estimate.pose, COARSE)
+                  for camera in cameras[:count]]
+        assert estimate.in_view == pytest.approx(max(shares))
+        assert share[0] <= estimate.in_view <= share[1]
 
 
 def test_a_covered_lens_is_no_evidence_that_nothing_is_there(context, caplog):
