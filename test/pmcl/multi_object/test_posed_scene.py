@@ -12,9 +12,12 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Interior, outside_of
 from pmcl_ros.pmcl.multi_object.posed_scene import PosedSceneLocalizer
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -88,6 +91,34 @@ def test_what_another_one_hides_is_not_missing():
     assert not hidden.lost
     assert off(hidden, BEHIND, BOTTLE)[0] < 2
     assert found.alone[1].lost
+
+
+def test_what_hides_a_pose_is_the_nearest_of_other_objects_and_it_is_outside_of_all(both):
+    placed = [(CUP, BASE @ FRONT), (BOTTLE, BASE @ BEHIND)]
+    interiors = [Interior.from_model(model) for model, _ in placed]
+    first = both.views[0].camera_to_reference
+
+    def seen_beside(things):
+        others = OtherObjects(outside_of(interiors[0], [
+            (interiors[0 if model is CUP else 1], pose) for model, pose in things]), things)
+        return JointEvidence.from_views(both, NumbaRenderer(), CUP, SETTINGS, others)
+
+    cup, bottle, together, again = (seen_beside(things) for things in (
+        placed[:1], placed[1:], placed, placed[::-1]))
+    overlap = False
+    for number in range(3):
+        alone = [np.where(each.fronts[number] > 0, each.fronts[number], np.inf)
+                 for each in (cup, bottle)]
+        overlap |= np.isfinite(alone).all(axis=0).any()
+        nearest = np.minimum(*alone)
+        for each in (together, again):
+            np.testing.assert_array_equal(each.fronts[number],
+                                          np.where(np.isfinite(nearest), nearest, 0))
+    assert overlap
+    free = standing(-0.05, 0.02, 0.49)
+    poses = np.linalg.inv(first) @ BASE @ np.stack([FRONT, BEHIND, free])
+    assert together.feasible(poses).tolist() == [False, False, True]
+    assert cup.feasible(poses).tolist() == [False, True, True]
 
 
 def test_copies_are_found_and_numbered_along_the_frame_s_x_axis():
