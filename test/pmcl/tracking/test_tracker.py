@@ -368,6 +368,8 @@ def test_an_object_that_leaves_the_picture_is_not_known_by_the_little_in_view(co
     assert [each.lost for each, share in zip(estimates, shares, strict=True) if share < 0.4] == [
         True] * sum(share < 0.4 for share in shares)
     assert min(shares) < 0.4
+    # A prediction is of no contour, whole or in part.
+    assert not any(each.incomplete for each in estimates if each.mode == PREDICTED)
 
 
 def test_a_step_that_was_not_foreseen_is_the_velocity_after(context):
