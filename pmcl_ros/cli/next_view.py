@@ -67,7 +67,7 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
     cameras = (cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
                    degrees, count) if plan is None else
                _planned(plan, str(candidates), run.source.views[0].header.frame_id))
-    found = next_views(run.evidence.without(run.estimate.hidden), model, settings,
+    found = next_views(run.estimate.found_in(run.evidence), model, settings,
                        run.estimate.pose, cameras, run.source.views[0].pinhole)
     _print(found, as_json)
 

@@ -30,6 +30,19 @@ class PosedEvidence:
 
 
 @dataclass(frozen=True)
+class AssumedCameras:
+    """Cameras of views in place of those that are given as exact.
+
+    poses: (n, 4, 4) to the reference frame. sigma: of them [m, rad], half of whose variance is
+    common to all. errors: as of `ViewsEvidence`, in place of sigma; None: there is sigma.
+    """
+
+    poses: NDArray[np.float64]
+    sigma: tuple[float, float] = (0.0, 0.0)
+    errors: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
 class ViewsEvidence:
     """The evidence of several views of one scene.
 
@@ -65,6 +78,12 @@ class ViewsEvidence:
         kept = [number for number in range(len(self.views)) if number not in numbers]
         return replace(self, views=tuple(self.views[number] for number in kept),
                        errors=None if self.errors is None else self.errors[kept])
+
+    def with_cameras(self, assumed: AssumedCameras) -> 'ViewsEvidence':
+        """The same views, with other cameras."""
+        return replace(self, errors=assumed.errors, views=tuple(
+            replace(each, camera_to_reference=pose, sigma=assumed.sigma, group='all', common=0.5)
+            for each, pose in zip(self.views, assumed.poses, strict=True)))
 
     @property
     def are_exact(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract, rotate_covariance
 
@@ -55,6 +56,8 @@ class PoseEstimate:
     beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
         one view.
     hidden: numbers of the views that do not show it there, and were not used.
+    cameras: those that it was found with, where it is lost with those given (of the views that
+        are used).
     evidence_of: kind of the other evidence that it was found in and that its numbers are of, where
         edges lose the object or are unsure of it; else empty.
     """
@@ -79,6 +82,7 @@ class PoseEstimate:
     disagreement: float = math.nan
     beyond: float = math.nan
     hidden: tuple[int, ...] = ()
+    cameras: AssumedCameras | None = None
     evidence_of: str = ''
     degrees_of_freedom: float = math.inf
 
@@ -99,6 +103,11 @@ class PoseEstimate:
             covariance=rotate_covariance(self.covariance, camera[:3, :3]),
             particles=camera @ self.particles,
             modes=tuple(replace(each, pose=camera @ each.pose) for each in self.modes))
+
+    def found_in(self, evidence: ViewsEvidence) -> ViewsEvidence:
+        """What it was found in, of the evidence that was searched: views used, and cameras."""
+        used = evidence.without(self.hidden)
+        return used if self.cameras is None else used.with_cameras(self.cameras)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON (docs/reference/commands.md)."""

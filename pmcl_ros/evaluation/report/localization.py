@@ -113,7 +113,7 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
         views = tuple((view, into @ estimate.pose)
                       for view, into in zip(source.views, poses, strict=True))
         if not estimate.lost:
-            showing = run.evidence.without(estimate.hidden)
+            showing = estimate.found_in(run.evidence)
             sigmas = sigmas_by_views(showing, model, settings, estimate.pose)
             cameras = [each.camera_to_reference for each in source.views]
             candidates = next_views(showing, model, settings, estimate.pose,

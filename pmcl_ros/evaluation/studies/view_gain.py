@@ -104,8 +104,8 @@ def view_gain(seed: int, of: ViewGainSettings) -> ViewGain:
             raise SimulationError(
                 f'seed {seed}: table and wall are before all {of.candidates} candidates of '
                 f'{of.cap:g} degrees: give more --candidates, or another --cap')
-        best, *others = next_views(first.evidence, model, settings, first.estimate.pose,
-                                   candidates, of.camera.pinhole)
+        best, *others = next_views(first.estimate.found_in(first.evidence), model, settings,
+                                   first.estimate.pose, candidates, of.camera.pinhole)
         other = others[int(rng.integers(len(others)))] if others else best
 
         def looked(view: NextView, mode: str) -> Trial:

@@ -94,8 +94,8 @@ class PosedViewsOutputs:
         there = [each.camera_to_reference for each in evidence.views]
         candidates = cap(estimate.pose, there, self.settings.next_view_cap,
                          self.settings.next_view_candidates)
-        found = next_views(evidence.without(estimate.hidden), model, self.settings,
-                           estimate.pose, candidates, evidence.pinhole)
+        found = next_views(estimate.found_in(evidence), model, self.settings, estimate.pose,
+                           candidates, evidence.pinhole)
         best = found[0]
         if best.sigma >= best.now:
             raise LocalizationError(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import (
     MATCHED,
     Features,
@@ -152,9 +152,8 @@ def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[
     adjusted = adjust_cameras(pictures.views, features)
     if adjusted is None or not adjusted.is_needed:
         return None
-    fitting = replace(evidence, errors=adjusted.root, views=tuple(
-        replace(each, camera_to_reference=camera)
-        for each, camera in zip(evidence.views, adjusted.cameras, strict=True)))
+    cameras = AssumedCameras(adjusted.cameras, errors=adjusted.root)
+    fitting = evidence.with_cameras(cameras)
     found = search(fitting)
     if found.estimate.lost:  # nothing says that these poses are better: patterns can repeat
         return None
@@ -164,7 +163,7 @@ def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[
         'those reported: matches in the pictures are %.1f px apart with these, %.1f px with '
         f'the others; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
         adjusted.after)
-    return found, fitting
+    return _with_cameras(found, cameras), fitting
 
 
 def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
@@ -199,8 +198,8 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
     """
     if not lost.estimate.incomplete or _is_one_camera(evidence):
         return None
-    loose = replace(evidence, views=tuple(
-        replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
+    cameras = AssumedCameras(np.array([each.camera_to_reference for each in evidence.views]), _OFF)
+    loose = evidence.with_cameras(cameras)
     found = search(loose)
     if found.estimate.lost:
         return None
@@ -218,4 +217,8 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
         return None
     _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
                  off, _ADVICE, _OF_MESH)
-    return found, loose
+    return _with_cameras(found, cameras), loose
+
+
+def _with_cameras(found: Found, cameras: AssumedCameras) -> Found:
+    return replace(found, estimate=replace(found.estimate, cameras=cameras))
