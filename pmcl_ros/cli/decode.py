@@ -55,7 +55,7 @@ def _size(_context: click.Context, _option: click.Parameter,
               help='Views of a row and column, odd, one raw pixel apart.')
 @click.option('--size', metavar='WxH', callback=_size,
               help="Of a view [px]; default: the calibration's.")
-@click.option('--out', required=True, type=FOLDER, help='Folder for views.npz and pictures.')
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder for views.npz and pictures.')
 @click.option('--compare', type=FILE, metavar='VIEWS.npz',
               help='Ideal lattice-aligned views, `views` (3, 3, height, width, 3) three steps '
               'apart: print how the decode differs from them.')

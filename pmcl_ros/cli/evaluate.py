@@ -81,7 +81,7 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
               'of this list, as test_targets_bop19.json.')
 @click.option('--processes', type=click.IntRange(1, 256), help='Default: the number of cores. '
               'Times are reliable with 1 only, on a quiet machine.')
-@click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
+@click.option('-o', '--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
               "(results.md), poses in BOP's format (bop_*.csv), charts (PNG) and what they were "
               'made with (settings.json).')
 @reading_options

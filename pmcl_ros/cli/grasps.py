@@ -24,7 +24,7 @@ _SIGMAS = (0.002, 0.005)  # m: of the position, for the probability that a grasp
 @click.command()
 @click.argument('object_file', metavar='OBJECT', type=OBJECT)
 @click.option('--gripper', type=FILE, help="The gripper's sizes, YAML; default: a Fetch's.")
-@click.option('--out', type=click.Path(dir_okay=False, path_type=Path),
+@click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write the grasps, for grasp_node, to this YAML file.')
 @click.option('--picture', type=click.Path(dir_okay=False, path_type=Path),
               help='Draw each grasp on the profile of OBJECT, PNG.')

@@ -31,7 +31,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
-@click.option('--out', type=FOLDER, help='Folder for pictures.')
+@click.option('-o', '--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=TRUTH, help='A truth.json to compare with.')
 @FORCE
 def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | None,

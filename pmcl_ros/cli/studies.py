@@ -105,7 +105,7 @@ def figures(folder: Path, only: str | None, tables: bool, force: bool) -> None:
 @click.option('--cad', is_flag=True, help='Find the vessels with their true meshes too.')
 @click.option('--height', is_flag=True, help='Give the heights of vessels, with errors of 0.5 mm.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
-@click.option('--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
+@click.option('-o', '--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
 @FORCE
 def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad: bool,
                    height: bool, processes: int, out: Path | None, force: bool) -> None:
@@ -137,7 +137,8 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
 @click.option('--cameras', metavar='PLAN', help='Posed views of an ordinary camera of 640x480 px, '
               'as for `pmcl scenes render`: arc:3:40. Default: a light field.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
-@click.option('--out', type=FOLDER, help='Folder for a picture of each scene, and the table.')
+@click.option('-o', '--out', type=FOLDER,
+              help='Folder for a picture of each scene, and the table.')
 @FORCE
 def together(count: int, seed: int, objects: int, views: int, size: int, samples: int,
              cameras: str | None, processes: int, out: Path | None, force: bool) -> None:
@@ -212,7 +213,7 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
 @click.option('--candidates', type=click.IntRange(1, 10_000), default=CANDIDATES,
               show_default=True, help='Number of candidates on this cap.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
-@click.option('--out', type=FOLDER, help='Folder for the table (view_gain.md).')
+@click.option('-o', '--out', type=FOLDER, help='Folder for the table (view_gain.md).')
 @FORCE
 def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None, samples: int,
               apart: float, cap: float, candidates: int, processes: int, out: Path | None,
@@ -252,8 +253,8 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
               default=_FIELDS['object_speed'].default, help=_FIELDS['object_speed'].description)
 @click.option('--camera-speed', type=click.FloatRange(0), show_default=True,
               default=_FIELDS['camera_speed'].default, help=_FIELDS['camera_speed'].description)
-@click.option('--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of the '
-              'errors over frames for each sequence.')
+@click.option('-o', '--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of '
+              'the errors over frames for each sequence.')
 @FORCE
 def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
           size: int, object_speed: float, camera_speed: float, out: Path | None,

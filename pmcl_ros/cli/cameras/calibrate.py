@@ -34,7 +34,7 @@ _BOARDS = Needed('pmcl camera capture takes raw pictures: docs/howto/camera.md',
 @click.option('--corners', required=True, metavar='COLUMNSxROWS',
               help='Inner corners of the board, as 10x7.')
 @click.option('--square', required=True, type=float, help='Side of a square [m].')
-@click.option('--out', type=_OUT,
+@click.option('-o', '--out', type=_OUT,
               help='Calibration to write, YAML; a report goes beside it (.png, .json).')
 @click.option('--camera', metavar='NAME', help='In place of --out: where other commands find the '
               'calibration by this name of the camera, as --calibration NAME.')
@@ -114,7 +114,7 @@ def _usual(pictures: list[Path]) -> CameraMetadata:
 @click.argument('capture', type=TRUTH)
 @click.argument('white', type=TRUTH)
 @click.option('--serial', default='', help='Serial number of the camera.')
-@click.option('--out', required=True, type=_OUT)
+@click.option('-o', '--out', required=True, type=_OUT)
 @FORCE
 def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path, force: bool
                            ) -> None:

@@ -89,8 +89,8 @@ async def _until_interrupted(server: CameraServer, what: str) -> None:
 @click.option('--address', default=Address().host, show_default=True,
               metavar='HOST[:PORT[:CALLBACK_PORT]]', help='Where the camera is; mdns: the '
               'one that announces itself.')
-@click.option('--out', type=FOLDER, help='Folder for RAW and TXT; the time of a file is that of '
-              'the shutter.')
+@click.option('-o', '--out', type=FOLDER, help='Folder for RAW and TXT; the time of a file is '
+              'that of the shutter.')
 @click.option('--count', default=1, show_default=True, type=click.IntRange(1),
               help='Pictures to take.')
 @click.option('--list', 'listing', is_flag=True, help='List the pictures instead.')

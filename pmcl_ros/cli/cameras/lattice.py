@@ -18,7 +18,8 @@ from pmcl_ros.runtime.errors import SettingsError
 
 @click.command()
 @click.argument('raw', type=RAW)
-@click.option('--out', required=True, type=FOLDER, help='Folder for lattice.yaml, lattice.png.')
+@click.option('-o', '--out', required=True, type=FOLDER,
+              help='Folder for lattice.yaml, lattice.png.')
 @click.option('--as', 'kind', type=click.Choice(['white', 'picture']),
               help='Kind of RAW; default: detected.')
 @click.option('--gain', type=float, default=1.0, show_default=True,
