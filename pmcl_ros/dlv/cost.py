@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.likelihood import row_likelihood
-from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pairs import StereoPairs, cost_weights
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, coefficient_count, row_costs
@@ -64,9 +64,7 @@ class CostInputs:
         pairs = StereoPairs.from_grid(light_field.grid, settings.views)
         shifts = pairs.shifts(depths)
         neutral = settings.interpolation == 'neutral'
-        gradient = 1 - settings.beta
-        weights = np.stack([np.full_like(pairs.gamma, settings.beta), gradient * pairs.gamma,
-                            gradient * (1 - pairs.gamma)], axis=1)
+        weights = cost_weights(pairs.gamma, settings.beta)
         if settings.view_weights == 'light':
             weights *= pairs.light[:, None]
         limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
@@ -75,8 +73,7 @@ class CostInputs:
         lattice = wanted.grown(half)
         left, top, width, height = _reached(lattice, int(np.ceil(np.abs(shifts).max())))
         # A pair counts where its samples lie inside the image: only their taps reach out of it.
-        planes = matching_planes(light_field, pairs.indices, (left, top, width, height), TAPS,
-                                 neutral)
+        planes = matching_planes(light_field, pairs.indices, (left, top, width, height), neutral)
         return cls(planes, (lattice.left - left + TAPS, lattice.top - top + TAPS),
                    LabelSegments.neutral(shifts) if neutral else LabelSegments.bilinear(shifts),
                    weights.astype(np.float32), limits.astype(np.float32),
@@ -92,7 +89,7 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> NDArray[np.float32]:
     """C(x, l) of the paper's section V.A, (labels, height, width) float32.
 
-    depths: (labels,) [m], monotone. height and width are those of `Lattice.of` the settings. The
+    depths: (labels,) [m], monotone. height and width are those of the settings' `PixelGrid`. The
     values are those of `reference.cost_volume`; interpolation 'phase' has no fast form. Needs time
     in proportion to views, labels and pixels. Raises VolumeError when no two views have light, the
     depths shift views out of the image, or the crop is not in it.

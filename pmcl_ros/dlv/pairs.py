@@ -30,14 +30,12 @@ class StereoPairs:
         weight the caller sets to 0. Raises VolumeError when the centre view or every other view
         is dark.
         """
-        row, column = grid.centre
-        if grid.weights[row, column] <= 0:
+        if grid.weights[grid.centre] <= 0:
             raise VolumeError('the centre view has weight 0, as if outside the pupil: there is '
                               'nothing to match the others with; check the pupil weights')
-        rows, columns = np.indices(grid.shape)
-        inner = np.maximum(abs(rows - row), abs(columns - column)) <= views // 2
-        inner[row, column] = False
-        indices = np.argwhere(inner & (grid.weights > 0))
+        lit = inner_views(grid, views)
+        lit[grid.centre] = False
+        indices = np.argwhere(lit)
         if len(indices) == 0:
             raise VolumeError(
                 f'of the inner {views}x{views} of {grid.shape[0]}x{grid.shape[1]} views only the '
@@ -52,10 +50,8 @@ class StereoPairs:
 
     @property
     def gamma(self) -> NDArray[np.float64]:
-        """(pairs,) the paper's gamma: the share of the x gradient in a view's gradient cost."""
-        x, y = np.abs(self.positions).T
-        total = x + y
-        return np.divide(x, total, out=np.full_like(total, 0.5), where=total > 0)
+        """(pairs,) `gradient_share`, by where the views' light entered."""
+        return gradient_share(self.positions)
 
     @property
     def light(self) -> NDArray[np.float64]:
@@ -103,3 +99,29 @@ class StereoPairs:
         """
         first, last = self.shifts(np.array([far, near])).swapaxes(0, 1)
         return int(np.ceil(np.abs(last - first).max())) + 1
+
+
+def inner_views(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
+    """(rows, columns) which of the inner `views` x `views` of a grid have light."""
+    row, column = grid.centre
+    rows, columns = np.ogrid[:grid.shape[0], :grid.shape[1]]
+    return (np.maximum(abs(rows - row), abs(columns - column)) <= views // 2) & (grid.weights > 0)
+
+
+def gradient_share(shifts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(pairs,) the paper's gamma: the share of the x gradient in a pair's gradient cost.
+
+    shifts: (pairs, 2) of its two views, along x and y, in any unit.
+    """
+    x, y = np.abs(shifts).T
+    total = x + y
+    return np.divide(x, total, out=np.full_like(total, 0.5), where=total > 0)
+
+
+def cost_weights(gamma: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
+    """(pairs, 3) weights of the costs of colour, x gradient and y gradient (paper, section V.A).
+
+    gamma: (pairs,) `gradient_share`. beta: share of the colour.
+    """
+    return np.stack([np.full_like(gamma, beta), (1 - beta) * gamma, (1 - beta) * (1 - gamma)],
+                    axis=1)

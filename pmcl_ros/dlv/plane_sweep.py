@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.likelihood import row_likelihood, truncate
+from pmcl_ros.dlv.pairs import cost_weights
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.posed_pairs import PosedPairs
@@ -20,7 +21,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import CameraPose, DepthLikelihoodVolume, checked_labels
 from pmcl_ros.dlv.window_sums import sum_across, sum_down
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernel_threads import threads
@@ -76,9 +77,7 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
                 ) -> NDArray[np.float32]:
     """L(x, l), (height, width, labels). Beside it, a band of rows is in memory at a time."""
     neutral = settings.interpolation == 'neutral'
-    weights = np.stack([np.full_like(pairs.gamma, settings.beta),
-                        (1 - settings.beta) * pairs.gamma,
-                        (1 - settings.beta) * (1 - pairs.gamma)], axis=1).astype(np.float32)
+    weights = cost_weights(pairs.gamma, settings.beta).astype(np.float32)
     limits = np.array([settings.tau_color, settings.tau_gradient, settings.tau_gradient])
     fractions = np.linspace(0, 1, _FRACTIONS + 1)
     taps = (neutral_taps if neutral else bilinear_taps)(fractions).astype(np.float32)
@@ -115,10 +114,8 @@ def _channels(view: PosedView, smooth: bool) -> NDArray[np.float32]:
     """(height + 2 TAPS, width + 2 TAPS, 5) of `matching_planes`: as of a light field of one view.
     """
     width, height = view.pinhole.width, view.pinhole.height
-    grid = ViewGrid(view.pinhole, 1.0, nominal_positions(1, 1), np.ones((1, 1), np.float32))
-    field = LightField(view.header, view.linear()[None, None], grid)
-    planes = matching_planes(field, np.empty((0, 2), np.int64), (0, 0, width, height), TAPS,
-                             smooth)[0]
+    field = LightField.of_one_view(view.header, view.linear(), view.pinhole)
+    planes = matching_planes(field, np.empty((0, 2), np.int64), (0, 0, width, height), smooth)[0]
     return np.ascontiguousarray(planes[:, :, :width + 2 * TAPS].swapaxes(1, 2))
 
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.sampling import SMOOTHER, copy_row
+from pmcl_ros.dlv.sampling import SMOOTHER, TAPS, copy_row
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.kernels import compiled, rounds
 
@@ -21,23 +21,22 @@ _STEP = 14  # bits of a float below the knots of the curve: 512 knots an octave,
 
 
 def matching_planes(light_field: LightField, indices: NDArray[np.int64],
-                    window: tuple[int, int, int, int], pad: int, smooth: bool = False
-                    ) -> NDArray[np.float32]:
-    """(1 + views, height + 2 pad, 5, columns) float32, the channels of `reference.channels`.
+                    window: tuple[int, int, int, int], smooth: bool) -> NDArray[np.float32]:
+    """(1 + views, height + 2 TAPS, 5, columns) float32, the channels of `reference.channels`.
 
     They are red, green, blue in [0, 1], gamma encoded, then d/dx and d/dy of the luminance [1/px];
     of the centre view first, then of those of `indices` (views, 2), row and column. The channels
     of a row of pixels follow each other, so that one loop samples all of them.
     window: left, top, width, height [px] of the part of the views that is read. Its border's
-    values go on outwards for `pad` px (clamp to edge), to the right for more: columns fill an odd
+    values go on outwards for `TAPS` px (clamp to edge), to the right for more: columns fill an odd
     number of cache lines, lest neighbouring channels compete for the same places in a cache. Where
     the border is not the image's, the `HALO` pixels at it are not those of the whole. smooth:
     through `sampling.SMOOTHER`.
     """
     chosen = np.vstack([[light_field.grid.centre], indices])
-    columns = 16 * (-(-(window[2] + 2 * pad) // 16) | 1)
-    planes = np.empty((len(chosen), window[3] + 2 * pad, 5, columns), np.float32)
-    _fill(_bits(light_field), chosen, _curve(ENCODING), window, pad,
+    columns = 16 * (-(-(window[2] + 2 * TAPS) // 16) | 1)
+    planes = np.empty((len(chosen), window[3] + 2 * TAPS, 5, columns), np.float32)
+    _fill(_bits(light_field), chosen, _curve(ENCODING), window, TAPS,
           _SMOOTHER if smooth else _NONE, planes)
     return planes
 

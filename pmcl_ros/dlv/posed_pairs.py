@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.pairs import gradient_share
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
@@ -46,10 +47,8 @@ class PosedPairs:
 
     @property
     def gamma(self) -> NDArray[np.float64]:
-        """(pairs,) the paper's gamma, as of `StereoPairs`, by where the cameras are."""
-        x, y = np.abs(self._cameras[:, :2, 3]).T
-        total = x + y
-        return np.divide(x, total, out=np.full_like(total, 0.5), where=total > 0)
+        """(pairs,) `gradient_share`, by where the cameras are."""
+        return gradient_share(self._cameras[:, :2, 3])
 
     def homographies(self, depths: NDArray[np.floating]) -> NDArray[np.float64]:
         """(pairs, labels, 3, 3) by which planes across the reference camera at `depths` [m] map.

@@ -24,7 +24,7 @@ from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
 from pmcl_ros.evidence.learned import learned_contour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.runtime.kernels import compiled, rounds
 
@@ -105,8 +105,7 @@ def view_edges(view: PosedView, settings: DlvSettings) -> EdgeVolume:
     """
     check_memory(PixelGrid.from_crop(view.pinhole, (0, 0, 0, 0), 1), 2)
     lattice = PixelGrid.from_crop(view.pinhole, settings.crop, settings.stride)
-    alone = ViewGrid(view.pinhole, 1.0, np.zeros((1, 1, 2)), np.ones((1, 1), np.float32))
-    light_field = LightField(view.header, view.linear()[None, None], alone)
+    light_field = LightField.of_one_view(view.header, view.linear(), view.pinhole)
     depths = depth_labels(settings.near, settings.far, 2)
     return edge_volume(light_field, depths, views=1).on(lattice)
 

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
-from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pairs import StereoPairs, inner_views
 from pmcl_ros.dlv.planes import colour_planes
 from pmcl_ros.dlv.sampling import TAPS, copy_row, sample_row
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import compiled, rounds
 
@@ -25,7 +25,10 @@ def refocused(light_field: LightField, depths: NDArray[np.floating], views: int
     weights. Raises VolumeError when no view has light or the depths shift views out of the image.
     """
     grid = light_field.grid
-    chosen = StereoPairs(grid, np.argwhere(_inner(grid, views)))
+    chosen = StereoPairs(grid, np.argwhere(inner_views(grid, views)))
+    if not len(chosen.indices):
+        raise VolumeError(f'none of the inner {views}x{views} views has light: the pupil weights '
+                          f'are {grid.weights.tolist()}')
     shifts = chosen.shifts(depths)
     runs = LabelSegments.neutral(shifts)
     pad = int(np.ceil(np.abs(shifts).max())) + TAPS
@@ -41,18 +44,6 @@ def refocused(light_field: LightField, depths: NDArray[np.floating], views: int
              _node_weights(runs.time.astype(float)) * gain[:, None, None].astype(np.float32),
              pictures)
     return pictures
-
-
-def _inner(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
-    """(rows, columns) mask of the inner views that have light."""
-    row, column = grid.centre
-    rows, columns = np.ogrid[:grid.shape[0], :grid.shape[1]]
-    half = views // 2
-    chosen = (abs(rows - row) <= half) & (abs(columns - column) <= half) & (grid.weights > 0)
-    if not chosen.any():
-        raise VolumeError(f'none of the inner {views}x{views} views has light: the pupil weights '
-                          f'are {grid.weights.tolist()}')
-    return chosen
 
 
 def _node_weights(time: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -49,6 +49,11 @@ class ViewGrid:
         if not np.isfinite(self.baseline) or self.baseline <= 0:
             raise LightFieldError(f'baseline {self.baseline} m between views must be positive')
 
+    @classmethod
+    def of_one_view(cls, pinhole: Pinhole, baseline: float = 1.0) -> 'ViewGrid':
+        """Of an ordinary camera, which has no other view that a baseline [m] leads to."""
+        return cls(pinhole, baseline, nominal_positions(1, 1), np.ones((1, 1), np.float32))
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of views."""
@@ -96,6 +101,12 @@ class LightField:
                                   'where there is no light')
         if not 0 < self.gamma < np.inf:
             raise LightFieldError(f'gamma {self.gamma} must be positive')
+
+    @classmethod
+    def of_one_view(cls, header: Header, picture: NDArray[np.float32], pinhole: Pinhole
+                    ) -> 'LightField':
+        """Of an ordinary picture (height, width, 3), linear."""
+        return cls(header, picture[None, None], ViewGrid.of_one_view(pinhole))
 
     @property
     def pinhole(self) -> Pinhole:

@@ -46,7 +46,7 @@ class Sensor:
 
 def one_view(pinhole: Pinhole, aperture: float = _APERTURE) -> ViewGrid:
     """The grid of an ordinary camera. aperture: a quarter of its width [m]."""
-    return ViewGrid(pinhole, aperture, nominal_positions(1, 1), np.ones((1, 1), np.float32))
+    return ViewGrid.of_one_view(pinhole, aperture)
 
 
 def pupil_views(side: int, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
