@@ -219,21 +219,12 @@ def _gradients(above, row, below, across, along):  # type: ignore[no-untyped-def
 def _smooth(plane):  # type: ignore[no-untyped-def]
     """Through `sampling.SMOOTHER` along both axes, the border going on, in place."""
     height, width = plane.shape
-    outer, inner, middle = _SMOOTHER[0], _SMOOTHER[1], _SMOOTHER[2]
-    row = np.empty(width + 4, np.float32)
-    rows = np.empty((height + 4, width), np.float32)
+    line = np.empty(width + 4, np.float32)
+    across = np.empty((height, width), np.float32)
     for y in range(height):
-        copy_row(plane[y], row[2:width + 2])
-        row[:2] = plane[y, 0]
-        row[width + 2:] = plane[y, width - 1]
-        out = rows[y + 2]
-        for x in range(width):
-            out[x] = (outer * (row[x] + row[x + 4]) + inner * (row[x + 1] + row[x + 3])
-                      + middle * row[x + 2])
-    for y in range(2):
-        copy_row(rows[2], rows[y])
-        copy_row(rows[height + 1], rows[height + 2 + y])
+        copy_row(plane[y], line[2:width + 2])
+        _smooth_across(line, _SMOOTHER, across[y])
+    last = height - 1
     for y in range(height):
-        for x in range(width):
-            plane[y, x] = (outer * (rows[y, x] + rows[y + 4, x])
-                           + inner * (rows[y + 1, x] + rows[y + 3, x]) + middle * rows[y + 2, x])
+        _smooth_down(across[max(y - 2, 0)], across[max(y - 1, 0)], across[y],
+                     across[min(y + 1, last)], across[min(y + 2, last)], _SMOOTHER, plane[y])
