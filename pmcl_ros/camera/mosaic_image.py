@@ -27,27 +27,24 @@ def is_mosaic_image(path: Path | str) -> bool:
     return Path(path).suffix.lower() in _SUFFIXES
 
 
-def read_mosaic_image(path: Path | str, gain: float = 1.0, black: float | None = None,
-                      header: Header | None = None) -> RawFrame:
+def read_mosaic_image(path: Path | str, gain: float = 1.0) -> RawFrame:
     """Read a BGGR mosaic saved as a one-channel 8-bit PNG or JPEG.
 
     gain: factor applied to the sensor's intensity when the image was saved: counts are
         16 / gain times the levels, and 255 becomes the white level.
-    black: level of 8 bits without light; None: the darkest 1 % of the pixels (the gaps between
-        lenslets, where the scene is dark).
-    header: stamp and frame; by default the stamp is the file's modification time.
 
-    The metadata are derived, not a camera's, and say so (`derived`): a generic first-generation
-    Lytro's colour matrix and gamma, white balance unknown (gains of 1).
+    The level without light is that of the darkest 1 % of the pixels (the gaps between lenslets,
+    where the scene is dark). The stamp is the file's modification time. The metadata are derived,
+    not a camera's, and say so (`derived`): a generic first-generation Lytro's colour matrix and
+    gamma, white balance unknown (gains of 1).
     Raises CameraError when the file cannot be read or is another kind of image.
     """
     path = Path(path)
     if not 0 < gain < 100:
         raise CameraError(f'{path}: a gain of {gain} is impossible; it must be positive')
     levels = _read_levels(path)
-    if black is None:
-        black = float(np.percentile(levels, _DARK))
-    if not 0 <= black < 255:
+    black = float(np.percentile(levels, _DARK))
+    if black == 255:
         raise CameraError(f'{path}: a black level of {black} of 255 is impossible; is the picture '
                           'saturated?')
     scale = _COUNTS / gain
@@ -55,9 +52,7 @@ def read_mosaic_image(path: Path | str, gain: float = 1.0, black: float | None =
     counts = np.minimum(np.rint(levels * np.float32(scale)), white).astype(np.uint16)
     zero = min(round(black * scale), white - 1)
     text = _derived_text(counts.shape, zero, white, path.name, gain)
-    if header is None:
-        header = Header(stamp_ns=path.stat().st_mtime_ns)
-    return RawFrame(header, counts, CameraMetadata.parse(text))
+    return RawFrame(Header(path.stat().st_mtime_ns), counts, CameraMetadata.parse(text))
 
 
 def _read_levels(path: Path) -> NDArray[np.uint8]:

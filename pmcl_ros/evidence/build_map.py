@@ -10,7 +10,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.binning import bin_side, check_memory
 from pmcl_ros.evidence.contour_map import ContourMap
-from pmcl_ros.evidence.contour_net import ContourNet, contour_net
+from pmcl_ros.evidence.contour_net import contour_net
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
@@ -24,13 +24,12 @@ _LEAST = 64  # px: no map is made smaller
 
 
 def build_map(source: LightField | PosedView, settings: DlvSettings,
-              net: ContourNet | None = None, numbers: LearnedMapEvidence | None = None,
-              size: float = 0.0) -> ContourMap:
+              numbers: LearnedMapEvidence | None = None, size: float = 0.0) -> ContourMap:
     """The contour map of a capture, for the pixels of `PixelGrid.from_crop` the settings.
 
     Of a light field: of the inner views, refocused at `REFOCUSED` depths. Of one picture: the same
     at all depths.
-    settings: depths, inner views and crop. net, numbers: by default those that the package ships.
+    settings: depths, inner views and crop. numbers: by default those that the package ships.
     size: of the object in one picture [px]. Where it is large, the search begins in the map with
     larger pixels.
     Raises VolumeError for an impossible crop, for too many pixels and as `refocused`,
@@ -46,11 +45,10 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         warn_of_one_colour(source, settings.crop)
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
-    net = net or contour_net()
     tensor = np.empty((*lattice.shape, len(pictures), ContourMap.components), np.float32)
     inside = np.empty(tensor.shape[:3], np.float32)
     for label, each in enumerate(pictures):
-        odds = _log_odds(each, lattice, net)
+        odds = _log_odds(each, lattice)
         tensor[:, :, label] = odds[..., :-1]
         inside[:, :, label] = odds[..., -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
     larger = min(bin_side(size / settings.stride), min(lattice.shape) // _LEAST)
@@ -74,11 +72,9 @@ def warn_of_one_colour(source: LightField | PosedView,
                      '10 or 12 bits not scaled to 16?', view.name or 'a picture')
 
 
-def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet
-              ) -> NDArray[np.float32]:
+def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid) -> NDArray[np.float32]:
     """(rows, columns, 6) of the pixels of a lattice, seen with `_CONTEXT` around them."""
     left, top = max(lattice.left - _CONTEXT, 0), max(lattice.top - _CONTEXT, 0)
     seen = picture[top:lattice.top + lattice.height + _CONTEXT,
                    left:lattice.left + lattice.width + _CONTEXT]
-    odds = net(seen)
-    return odds[lattice.rows[:, None] - top, lattice.columns - left]
+    return contour_net()(seen)[lattice.rows[:, None] - top, lattice.columns - left]

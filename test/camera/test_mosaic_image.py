@@ -40,10 +40,6 @@ def test_a_gain_below_one_stays_in_twelve_bits(path):
     assert frame.metadata.white == frame.counts.max() == 4095
 
 
-def test_a_black_level_may_be_told(path):
-    assert read_mosaic_image(path, black=3).metadata.black == 48
-
-
 def test_metadata_are_marked_as_derived(path):
     metadata = read_mosaic_image(path, 1.5).metadata
     assert CameraMetadata.parse(metadata.text) == metadata
@@ -59,9 +55,8 @@ def test_metadata_are_marked_as_derived(path):
     assert (gains.r, gains.gr, gains.gb, gains.b) == (1, 1, 1, 1)
 
 
-def test_the_stamp_is_the_files_or_told(path):
+def test_the_stamp_is_the_files(path):
     assert read_mosaic_image(path).header == Header(path.stat().st_mtime_ns)
-    assert read_mosaic_image(path, header=Header(5, 'there')).header == Header(5, 'there')
 
 
 def test_a_real_mosaic():
