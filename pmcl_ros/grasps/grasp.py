@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import SettingsError
@@ -42,10 +43,8 @@ class Grasp:
 
         position: (3,) its origin [m]. approach, closing: (3,) orthonormal, its x and y axes.
         """
-        pose = np.eye(4)
-        pose[:3, 0], pose[:3, 1], pose[:3, 2] = approach, closing, np.cross(approach, closing)
-        pose[:3, 3] = position
-        return cls(name, kind, pose, width, opening)
+        turn = np.column_stack([approach, closing, np.cross(approach, closing)])
+        return cls(name, kind, pose_of(turn, position), width, opening)
 
     @property
     def approach(self) -> NDArray[np.float64]:

@@ -37,14 +37,9 @@ class Recorder:
 
     def __init__(self, node: Node, topics: Sequence[TopicEntry], writer: BagWriter) -> None:
         self._node, self._writer = node, writer
-        self._messages = self._bytes = 0
+        self.messages = self._bytes = 0  # that were written
         self._subscriptions = {each: self._subscribe(each, _profile(each.quality))
                                for each in topics}
-
-    @property
-    def messages(self) -> int:
-        """How many were written."""
-        return self._messages
 
     def _subscribe(self, topic: TopicEntry, profile: QoSProfile) -> Subscription:
         return self._node.create_subscription(
@@ -69,13 +64,13 @@ class Recorder:
         came = info['received_timestamp'] or self._node.get_clock().now().nanoseconds
         self._writer.write(Recorded(self._node.resolve_topic_name(topic.name), topic.type, came,
                                     cdr, _offered(topic.quality)))
-        self._messages += 1
+        self.messages += 1
         self._bytes += len(cdr)
         self._node.get_logger().info(self.summary(), throttle_duration_sec=1.0)
 
     def summary(self) -> str:
         """What has been recorded."""
-        return f'recorded {self._messages} messages, {self._bytes / 1e6:.1f} MB'
+        return f'recorded {self.messages} messages, {self._bytes / 1e6:.1f} MB'
 
 
 def _profile(quality: Quality) -> QoSProfile:

@@ -29,9 +29,12 @@ V = TypeVar('V', bound=Stamped)
 def view_outputs(node: StageNode) -> list[Output[LightField]]:
     """Publishers of light fields, for `set_up` of a node."""
     # the small ones first, so that `views` completes its capture
-    return [_output(node, CameraInfo, 'center/camera_info', _centre_info),
-            _output(node, Image, 'center/image', _centre_image),
-            _output(node, CameraInfo, 'views/camera_info', _views_info),
+    return [_output(node, CameraInfo, 'center/camera_info',
+                    lambda field, _: pinhole_to_message(field.header, field.pinhole)),
+            _output(node, Image, 'center/image', lambda field, buffer: picture_to_message(
+                field.header, field.picture(), buffer)),
+            _output(node, CameraInfo, 'views/camera_info', lambda field, _: pinhole_to_message(
+                field.header, field.pinhole, field.grid.baseline)),
             _output(node, Image, 'views/pupil', pupil_to_message),
             _output(node, Image, 'views', views_to_message, BIG)]
 
@@ -50,16 +53,3 @@ def _output(node: StageNode, kind: type, topic: str, write: Callable[[V, Buffer]
             qos: QoSProfile = SMALL) -> Output[V]:
     publisher = ValuePublisher(node, kind, topic, qos, write)
     return Output(publisher.wanted, publisher.publish)
-
-
-def _centre_info(light_field: LightField, _: Buffer) -> CameraInfo:
-    return pinhole_to_message(light_field.header, light_field.grid.pinhole)
-
-
-def _views_info(light_field: LightField, _: Buffer) -> CameraInfo:
-    grid = light_field.grid
-    return pinhole_to_message(light_field.header, grid.pinhole, grid.baseline)
-
-
-def _centre_image(light_field: LightField, buffer: Buffer) -> Image:
-    return picture_to_message(light_field.header, light_field.picture(), buffer)

@@ -239,8 +239,9 @@ class _Download:
             if not came:
                 raise ProtocolError(f'the camera sends no byte {self.got} of {len(self.data)} of '
                                     f'{self._what}; {_ANOTHER_CLIENT}')
-            if came < asked:
-                self._check_again(came)
+            if came < asked:  # another client may have loaded a shorter file meanwhile
+                self._check_length()
+                self._check_bytes(self.got - came, came)
         if self.data:
             self._check_length()  # another client's load would have replaced the buffer
         if len(self.data) > CHUNK:
@@ -249,11 +250,6 @@ class _Download:
     def _piece(self, connection: Connection) -> int:
         into = memoryview(self.data)[self.got:self.got + CHUNK]
         return connection.download(self.got, into, self._landed)
-
-    def _check_again(self, came: int) -> None:
-        """Check a short piece: another client may have loaded a shorter file meanwhile."""
-        self._check_length()
-        self._check_bytes(self.got - came, came)
 
     def _check_bytes(self, first: int, count: int) -> None:
         """Check that the buffer holds what was received from there; else go back to `first`."""
