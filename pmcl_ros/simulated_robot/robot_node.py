@@ -107,8 +107,7 @@ class SimulatedRobot(Node):
             self.get_logger().error(f'~/plan is for {", ".join(_TIPS)} in {BASE}')
             return response
         is_straight = request.tolerance == 0
-        belief = {} if is_straight else {'avoid': self._avoided, 'carried': self._carried}
-        if self._cell.postures(goal, _TIPS[link], is_straight, **belief):
+        if self._cell.postures(goal, _TIPS[link], is_straight, **self._belief(is_straight)):
             self._planned = link, goal, is_straight
             response.plan.header.frame_id = BASE
             response.plan.poses = [request.goal]
@@ -121,9 +120,7 @@ class SimulatedRobot(Node):
         (link, goal, is_straight), self._planned = self._planned, None
         try:
             self._physics(lambda: self._cell.move(
-                goal, _TIPS[link], straight=is_straight,
-                avoid=None if is_straight else self._avoided,
-                carried=None if is_straight else self._carried))
+                goal, _TIPS[link], is_straight, **self._belief(is_straight)))
         except PmclError as error:
             response.message = str(error)
             return response
@@ -206,11 +203,13 @@ class SimulatedRobot(Node):
         finally:
             self._spent['physics'] += time.monotonic() - began
 
-    # what is true
+    def _belief(self, is_straight: bool) -> dict[str, Pose | None]:
+        """What a motion avoids and carries; on a straight line the arm comes to the object."""
+        if is_straight:
+            return {}
+        return {'avoid': None if self._gripped else self._believed, 'carried': self._carried}
 
-    @property
-    def _avoided(self) -> Pose | None:
-        return None if self._gripped else self._believed
+    # what is true
 
     def _error(self, pose: NDArray[np.float64]) -> tuple[float, float]:
         """Of a pose of the object [mm], [degrees]."""
