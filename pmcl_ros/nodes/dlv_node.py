@@ -24,7 +24,7 @@ from pmcl_ros.messages.image import depth_to_message, picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_from
 from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import edges_to_message, map_to_message, volume_to_message
-from pmcl_ros.nodes.posed_views_input import PosedViewsInput
+from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
@@ -127,7 +127,7 @@ class DlvNode(StageNode):
             'dlv/depth or dlv/layers')
         # `pmcl_node` reads posed views themselves: their volume is for whoever wants it.
         self._of_views = DeferredPublisher(self, self._volumes, '')
-        PosedViewsInput(self, self._on_views)
+        subscribe_posed_views(self, self._on_views)
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',

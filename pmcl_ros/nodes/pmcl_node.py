@@ -28,7 +28,7 @@ from pmcl_ros.nodes.pmcl_outputs.optional_outputs import OptionalOutputs
 from pmcl_ros.nodes.pmcl_outputs.overlays import Overlays
 from pmcl_ros.nodes.pmcl_outputs.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
-from pmcl_ros.nodes.posed_views_input import PosedViewsInput
+from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
 from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -120,7 +120,7 @@ class PmclNode(StageNode):
             self._camera_poses.start()
         self._input: EvidenceInput | None = None
         if self._posed:
-            PosedViewsInput(self, self._on_evidence)
+            subscribe_posed_views(self, self._on_evidence)
         else:
             self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
             self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)

@@ -24,21 +24,17 @@ _INPUTS: dict[str, tuple[type, Callable[[Any], object], Any]] = {
 }
 
 
-class PosedViewsInput:
-    """Subscribes to posed views, for `start` of a node. callback: gets them, once a stamp."""
+def subscribe_posed_views(node: StageNode, callback: Callable[[PosedViews], None]) -> None:
+    """Subscribe to posed views, for `start` of a node. callback: gets them, once a stamp."""
+    matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, node.dropped)
 
-    def __init__(self, node: StageNode, callback: Callable[[PosedViews], None]) -> None:
-        self._callback = callback
-        self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, node.dropped)
-        for topic, (kind, check, qos) in _INPUTS.items():
-            subscribe_value(node, kind, topic, part_from(check), partial(self._on_part, topic),
-                            qos, each_a_capture=topic == 'posed_views', announced=True)
-
-    def _on_part(self, topic: str, part: PosedViews | Part) -> None:
+    def on_part(topic: str, part: PosedViews | Part) -> None:
         if isinstance(part, PosedViews):  # by reference, on each of the topics
             if topic == 'posed_views':
-                self._callback(part)
-            return
-        complete = self._matching.add(topic, part.header.stamp_ns, part.message)
-        if complete:
-            self._callback(posed_views_from(*complete))
+                callback(part)
+        elif complete := matching.add(topic, part.header.stamp_ns, part.message):
+            callback(posed_views_from(*complete))
+
+    for topic, (kind, check, qos) in _INPUTS.items():
+        subscribe_value(node, kind, topic, part_from(check), partial(on_part, topic), qos,
+                        each_a_capture=topic == 'posed_views', announced=True)

@@ -10,7 +10,7 @@ from sensor_msgs.msg import Image
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.nodes.posed_views_input import PosedViewsInput
+from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
 from pmcl_ros.nodes.view_outputs import posed_view_outputs
 from pmcl_ros.runtime.settings import Settings
@@ -43,7 +43,7 @@ class Taker(StageNode):
         self.views = []
 
     def start(self):
-        PosedViewsInput(self, self.views.append)
+        subscribe_posed_views(self, self.views.append)
 
 
 def views_at(stamp):

@@ -82,15 +82,12 @@ class Health:
     def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
         """All of it as a message for /diagnostics."""
         with self.lock:
-            return self._written(stamp_ns, name)
-
-    def _written(self, stamp_ns: int, name: str) -> DiagnosticArray:
-        values = {
-            'frames in': self.frames_in, 'frames out': self.frames_out, 'dropped': self.dropped,
-            'errors': self.errors, 'last error': self.last_error,
-            'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
-            'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra}
-        status = DiagnosticStatus(
-            level=self.level, name=name, message=self.message, hardware_id=self.hardware_id,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+            values = {
+                'frames in': self.frames_in, 'frames out': self.frames_out,
+                'dropped': self.dropped, 'errors': self.errors, 'last error': self.last_error,
+                'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
+                'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra}
+            status = DiagnosticStatus(
+                level=self.level, name=name, message=self.message, hardware_id=self.hardware_id,
+                values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         return DiagnosticArray(header=Header(stamp=time_to_message(stamp_ns)), status=[status])

@@ -77,6 +77,11 @@ def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[l
         yield ['--ros-args', '--params-file', str(path), '--']
 
 
+def owners_of(name: str) -> list[str]:
+    """The nodes that have a parameter of this name."""
+    return [each.name for each in ALL if name in each.load().settings_class.model_fields]
+
+
 def _check_names(path: Path | str, section: str, node: NodeEntry, values: dict[str, Any]) -> None:
     kind = node.load().settings_class
     for name, value in values.items():
@@ -85,7 +90,7 @@ def _check_names(path: Path | str, section: str, node: NodeEntry, values: dict[s
                                 'one kind, each with a point, as 0.0')
         if name in kind.model_fields or str(name).partition('.')[0] in _EVERY:
             continue
-        owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+        owners = owners_of(name)
         hint = f'; {" and ".join(owners)} has it' if owners else suggest(str(name), kind)
         raise SettingsError(f'{path} gives {section!r} an unknown parameter {name!r}{hint}')
 

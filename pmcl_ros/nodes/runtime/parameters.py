@@ -23,8 +23,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pmcl_ros.nodes.graph import ALL
-from pmcl_ros.nodes.runtime.parameter_file import given_to_all
+from pmcl_ros.nodes.runtime.parameter_file import given_to_all, owners_of
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 from pmcl_ros.runtime.settings import Settings, default_of, suggest
 
@@ -97,7 +96,7 @@ class Parameters:
         for name in unknown_parameters(self._node):
             if name.startswith(OVERRIDES):
                 continue  # declared with their publisher or subscription
-            owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+            owners = owners_of(name)
             if owners and name in self._to_all:
                 continue
             if owners:
