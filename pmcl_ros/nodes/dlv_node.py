@@ -68,19 +68,6 @@ class Products:
         return build_volume(self.checked, self.settings)
 
 
-@dataclass(frozen=True)
-class VolumeOfViews:
-    """What is made of posed views."""
-
-    views: PosedViews
-    settings: DlvSettings
-
-    @cached_property
-    def volume(self) -> DepthLikelihoodVolume:
-        """As of a light field, in the frame of the central view."""
-        return build_volume_of_views(self.views, self.settings)
-
-
 class DlvNode(StageNode):
     """Publishes evidence and volume of each capture whose views, camera_info and pupil came.
 
@@ -107,16 +94,14 @@ class DlvNode(StageNode):
                                 each_a_capture=True)
         depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, depth_to_message)
         layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
-        self._volumes: list[Output[Products | VolumeOfViews]] = [
-            Output(volume.wanted, lambda made: volume.publish(made.volume)),
-            Output(depth.wanted, lambda made: depth.publish(made.volume)),
-            Output(layers.wanted, lambda made: layers.publish(made.volume))]
+        self._volumes = [Output[DepthLikelihoodVolume](each.wanted, each.publish)
+                         for each in (volume, depth, layers)]
         self._outputs: list[Output[Products]] = [
             Output(edges.wanted, lambda made: edges.publish(made.edges)),
             # Where edges are wanted the search reads those, and the map only where it needs to.
             Output(odds.wanted, lambda made: odds.publish(
                 made.contour_map, each_a_capture=not edges.wanted())),
-            *(Output[Products](each.wanted, each.publish) for each in self._volumes)]
+            *map(_of_light_field, self._volumes)]
 
     def start(self) -> None:
         """Listen."""
@@ -149,13 +134,17 @@ class DlvNode(StageNode):
     def _on_views(self, views: PosedViews) -> None:
         self.health.frames_in += 1
         if len(views.views) > 1:  # one alone has no depth
-            self._of_views.publish(partial(VolumeOfViews, views, self._settings),
+            self._of_views.publish(partial(build_volume_of_views, views, self._settings),
                                    f'capture {views.header.stamp_ns}')
 
     def _layers_to_message(self, volume: DepthLikelihoodVolume,
                            buffer: Buffer) -> Image:
         picture = layers_picture(volume.layers(), self._settings.near, self._settings.far)
         return picture_to_message(volume.header, picture, buffer)
+
+
+def _of_light_field(volumes: Output[DepthLikelihoodVolume]) -> Output[Products]:
+    return Output(volumes.wanted, lambda made: volumes.publish(made.volume))
 
 
 def main() -> int:
