@@ -12,14 +12,11 @@ from rclpy.node import Node
 from pmcl_ros.runtime.errors import PmclError
 
 CONFIGURE, ACTIVATE = 'configure', 'activate'
-_IDS = {CONFIGURE: Transition.TRANSITION_CONFIGURE, ACTIVATE: Transition.TRANSITION_ACTIVATE,
-        'deactivate': Transition.TRANSITION_DEACTIVATE, 'cleanup': Transition.TRANSITION_CLEANUP}
-
-# From where, and to where.
-_ENDS = {CONFIGURE: (State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE),
-         ACTIVATE: (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE),
-         'deactivate': (State.PRIMARY_STATE_ACTIVE, State.PRIMARY_STATE_INACTIVE),
-         'cleanup': (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_UNCONFIGURED)}
+_TRANSITIONS = {  # the id of each, from which state, and to which
+    CONFIGURE: (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_UNCONFIGURED,
+                State.PRIMARY_STATE_INACTIVE),
+    ACTIVATE: (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_INACTIVE,
+               State.PRIMARY_STATE_ACTIVE)}
 _REPEAT = 5.0  # s: without an answer the node is asked for its state
 
 
@@ -38,20 +35,24 @@ class Lifecycle:
         self._node, self._executor, self._alive = node, executor, alive
 
     def change(self, name: str, transition: str, timeout: float) -> None:
-        """Make one transition; LifecycleError names the node that did not within `timeout` [s]."""
+        """Take a node through CONFIGURE or ACTIVATE.
+
+        Raises LifecycleError, which names the node, where it did not within `timeout` [s].
+        """
         deadline = time.monotonic() + timeout
+        number, before, after = _TRANSITIONS[transition]
         client = self._node.create_client(ChangeState, f'{name}/change_state')
         try:
             self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
-            request = ChangeState.Request(transition=Transition(id=_IDS[transition]))
+            request = ChangeState.Request(transition=Transition(id=number))
             # DDS may lose a request or an answer right after the two have found each other.
             while not self._answered(name, future := client.call_async(request), deadline):
                 state = self.state(name, deadline)
                 if future.done():  # it was in the transition until now
                     break
-                if state == _ENDS[transition][1]:
+                if state == after:
                     return
-                if state != _ENDS[transition][0]:
+                if state != before:
                     raise LifecycleError(f'{name} did not {transition}: it is in state {state}')
             response: Any = future.result()
         finally:
