@@ -65,7 +65,7 @@ class CameraClient(Protocol):
 
 
 def retry(attempt: Callable[[], _T], lost: type[LinkError], patience: float,
-          closed: threading.Event, received: Callable[[], int] = lambda: 0) -> _T:
+          closed: threading.Event, received: Callable[[], int]) -> _T:
     """The result of `attempt`, repeated after each `lost` connection.
 
     patience: seconds until the error is raised; they begin again while `received`, the number of

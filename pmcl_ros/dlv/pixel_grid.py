@@ -21,7 +21,7 @@ class PixelGrid:
     top: int
     width: int
     height: int
-    stride: int = 1
+    stride: int
 
     @classmethod
     def from_crop(cls, whole: Pinhole, crop: tuple[int, int, int, int], stride: int

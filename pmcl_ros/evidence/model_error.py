@@ -10,8 +10,9 @@ from pmcl_ros.evidence.learned import learned_contour
 
 # Cosine of normals: points of one side of a contour. The other side looks at other things.
 FACING = 0.5
-# rad: chosen, not learned. Over 10 degrees a refracted wall or a rim changes what it shows.
-ANGLE = 0.2
+# rad: between two views, by which the correlation of their displacements falls to 1 / e. Chosen,
+# not learned: over 10 degrees a refracted wall or a rim changes what it shows.
+_ANGLE = 0.2
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,12 @@ class ModelError:
 
     common: standard deviation of the displacement of the whole contour [px].
     local: standard deviation of the local displacement [px]. length: its correlation length [px].
-    angle: between two views, by which the correlation of their displacements falls to 1 / e [rad].
     degrees_of_freedom: of the Student's t of the errors of poses (`student_t`).
     """
 
     common: float
     local: float
     length: float
-    angle: float = ANGLE
     degrees_of_freedom: float = math.inf
 
     @classmethod
@@ -50,6 +49,7 @@ class ModelError:
         near = np.where(same_side, np.exp(-distance / self.length), 0)
         return self.common ** 2 + self.local ** 2 * near
 
-    def between_views(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    @staticmethod
+    def between_views(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, m) correlation of the displacements in views at `angles` (n, m) [rad]."""
-        return np.asarray(np.exp(-angles / self.angle))
+        return np.asarray(np.exp(-angles / _ANGLE))

@@ -46,9 +46,8 @@ class LytroClient(Closing):
     Only documented commands are sent: no unlock, exposure or ISO.
     """
 
-    def __init__(self, address: Address | None = None,
-                 settings: LinkSettings | None = None) -> None:
-        self._address, self._settings = address or Address(), settings or LinkSettings()
+    def __init__(self, address: Address, settings: LinkSettings | None = None) -> None:
+        self._address, self._settings = address, settings or LinkSettings()
         self._arrivals = Arrivals()
         self._closed = threading.Event()
         self._link = Link(self._address, self._settings)

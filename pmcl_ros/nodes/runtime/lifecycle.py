@@ -31,7 +31,7 @@ class Lifecycle:
     """
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor,
-                 alive: Callable[[str], None] = lambda _: None) -> None:
+                 alive: Callable[[str], None]) -> None:
         self._node, self._executor, self._alive = node, executor, alive
 
     def change(self, name: str, transition: str, timeout: float) -> None:

@@ -83,7 +83,7 @@ class TopicPoses:
     """
 
     def __init__(self, node: StageNode, names: PoseNames, frame: str, qos: QoSProfile,
-                 offset: NDArray[np.float64] | None = None) -> None:
+                 offset: NDArray[np.float64] | None) -> None:
         self._node, self._names, self._frame = node, names, frame
         self._qos, self._offset = qos, offset
         self._lock = Lock()  # held while the buffer is used
