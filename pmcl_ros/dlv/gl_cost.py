@@ -15,6 +15,7 @@ from pmcl_ros.dlv.cost import CostInputs
 from pmcl_ros.dlv.cost_shaders import GROUP, LABELS, LIKELIHOOD, LINE, MATCH, SUM
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
 
@@ -52,8 +53,8 @@ class GlArray:
 
 
 @dataclass(frozen=True)
-class Uploaded:
-    """A task on the GPU; whose it is releases it, or leaves the block that it was opened with.
+class Uploaded(Closing):
+    """A task on the GPU, until it is closed.
 
     inputs: the planes and the tables of `_tables`.
     costs, other: (labels + 1, rows, columns) of the task's lattice; what costs differ from those
@@ -67,10 +68,8 @@ class Uploaded:
     other: moderngl.Buffer
     held: ExitStack
 
-    def __enter__(self) -> 'Uploaded':
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Release it."""
         self.held.close()
 
 
@@ -109,7 +108,7 @@ class GlCost:
             return self.likelihood_of(uploaded)
 
     def upload(self, task: CostInputs, settings: DlvSettings) -> 'Uploaded':
-        """Bring a task, made with the same settings, to the GPU; the caller releases it."""
+        """Bring a task, made with the same settings, to the GPU; the caller closes it."""
         self.context.use()
         labels, height, width = task.shape
         size = 4 * (labels + 1) * height * width

@@ -46,17 +46,16 @@ def binned_to_fit(source: Source, settings: DlvSettings) -> Source:
     if any(settings.crop) or isinstance(source, LightField):
         return source
     if isinstance(source, PosedViews):
-        most = _MOST_BYTES // (2 * _BYTES * len(source.views))
+        most = min(_MOST_BYTES // (2 * _BYTES * len(source.views)), MOST_PIXELS)
         return replace(source, views=tuple(_binned_to_fit(each, most) for each in source.views))
     return cast(Source, _binned_to_fit(source, MOST_PIXELS))
 
 
 def _binned_to_fit(view: PosedView, most: int) -> PosedView:
     width, height = view.pinhole.width, view.pinhole.height
-    if width * height <= min(most, MOST_PIXELS):
+    if width * height <= most:
         return view
-    larger = max(_needed(width * height, min(most, MOST_PIXELS)),
-                 math.ceil(max(width, height) / _LONGEST))
+    larger = max(_needed(width * height, most), math.ceil(max(width, height) / _LONGEST))
     _tell(width, height, larger)
     return binned(view, larger)
 
@@ -72,8 +71,7 @@ def drawable(view: PosedView, side: int, most: int) -> PosedView:
 
 @lru_cache(maxsize=16)  # logged once, not at every picture
 def _tell(width: int, height: int, larger: int) -> None:
-    _LOG.info('pictures of %dx%d px are binned %dx%d', width,
-              height, larger, larger)
+    _LOG.info('pictures of %dx%d px are binned %dx%d', width, height, larger, larger)
 
 
 def check_memory(lattice: PixelGrid, depths: int) -> None:
