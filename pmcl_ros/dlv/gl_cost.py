@@ -107,7 +107,7 @@ class GlCost:
         with self.upload(task, settings) as uploaded:
             return self.likelihood_of(uploaded)
 
-    def upload(self, task: CostInputs, settings: DlvSettings) -> 'Uploaded':
+    def upload(self, task: CostInputs, settings: DlvSettings) -> Uploaded:
         """Bring a task, made with the same settings, to the GPU; the caller closes it."""
         self.context.use()
         labels, height, width = task.shape
