@@ -11,6 +11,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.messages import bag_metadata
 from pmcl_ros.messages.bag_captures import (
     capture_messages,
     light_field_messages,
@@ -37,6 +38,18 @@ def test_what_is_recorded_is_read(tmp_path, raw_frame, compress):
     assert topics(tmp_path / 'bag') == [
         Topic('/metadata', 'std_msgs/msg/String', LATCHED, 1),
         Topic('/image_raw', 'sensor_msgs/msg/Image', VOLATILE, 1)]
+
+
+def test_metadata_are_replaced_at_once(tmp_path):
+    """Who is reading those before them reads them to the end."""
+    path = tmp_path / bag_metadata.NAME
+    bag_metadata.write(path, {'version': 8})
+    before = path.read_text()
+    with path.open() as reading:
+        bag_metadata.write(path, {'version': 9})
+        assert reading.read() == before
+    assert path.read_text() == before.replace('8', '9')
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_recorded_messages_are_those_of_the_driver(raw_frame):

@@ -32,6 +32,7 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -173,6 +174,23 @@ def test_a_region_that_is_hardly_in_view_is_told_once(cup_volume, caplog):
             localizer.localize(cup_volume, np.random.default_rng(0), lambda _: False)
     told, = (each.message for each in caplog.records if 'outside of the image' in each.message)
     assert 'x right, y down, z forward' in told
+
+
+def test_a_part_out_of_view_counts_as_no_evidence(context):
+    """Else what little is in view would show the object."""
+    truth = random_poses(1, 0, depth=(0.34, 0.42))[0]
+    while share_in_view(CUP, truth, COARSE) > 0.75:
+        truth[0, 3] -= 0.004
+    edges = edges_seen(depth_of(context, CUP, truth, COARSE, 4), COARSE, DEPTHS,
+                       0.2 * CUP.radius, strength=2.0)
+    settings = SMALL.model_copy(update={'roi_center': tuple(truth[:3, 3])})
+    with Localizer(CUP, settings) as localizer:
+        estimate = localizer.localize(edges, np.random.default_rng(0))
+        seen, = localizer.observe(edges, [estimate.pose])
+    assert pose_error(estimate.pose, truth, CUP.symmetry).translation < 0.01
+    assert estimate.in_view == seen.in_view < 0.9
+    assert estimate.support == pytest.approx(contour_support(seen.points, seen.in_view))
+    assert estimate.support < contour_support(seen.points, 1.0)
 
 
 def test_texture_everywhere_is_no_object(cup_volume):

@@ -175,6 +175,16 @@ def test_a_capture(folder):
         assert len(ids(gateway)) == 2
 
 
+def test_the_last_hundred_captures_are_known_when_they_are_repeated(folder):
+    """Who asks again, as no answer came, gets the picture that was taken, not another one."""
+    with gateway_of(folder, empty=True) as gateway:
+        taken = [capture(gateway, f'{number}').json()['id'] for number in range(101)]
+        for number in range(100, 0, -1):
+            assert capture(gateway, f'{number}').json()['id'] == taken[number]
+        assert ids(gateway) == taken
+        assert capture(gateway, '0').json()['id'] not in taken  # it was forgotten
+
+
 def test_captures_at_the_same_time(folder, caplog):
     caplog.set_level(logging.DEBUG, 'pmcl_ros.camera.simulated.server')
     with gateway_of(folder, empty=True, delay=4) as gateway, ThreadPoolExecutor(4) as pool:
