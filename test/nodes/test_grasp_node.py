@@ -237,6 +237,61 @@ def test_a_loss_counts_once_and_not_for_newer_captures(node, user):
     lost(at[0])
 
 
+def test_a_pose_gives_grasps_once_whether_its_covariance_comes_before_or_after_it(node, user):
+    _, planner = node(arm='fixed')
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    pose, both = (user.publisher(kind, topic, BIG) for kind, topic in (  # acknowledged at once
+        (PoseStamped, 'pose'), (PoseWithCovarianceStamped, 'pose_with_covariance')))
+    model, gripper, grasps = GraspFile.read(FILE)
+    ranker = Ranker(model, gripper, grasps, SETTINGS)
+
+    def details(stamp):
+        return np.reshape(planner.grasps(stamp)['grasps/details'].data, (-1, 4))[:, :2]
+
+    def expected(covariance):
+        return [[each.score, each.probability]
+                for each in ranker.rank(GLASS, covariance).candidates]
+
+    for k in range(5):
+        one, other = (pose, stamped(GLASS, STAMP + k)), (
+            both, with_covariance(GLASS, stamp=STAMP + k, frame='base_link'))
+        for publisher, message in (one, other) if k % 2 else (other, one):
+            publisher.publish(message)
+            user.delivered(publisher)
+        np.testing.assert_allclose(details(STAMP + k), expected(SPREAD), atol=1e-5)
+    # The next one waits as long as those would have; its covariance never comes.
+    pose.publish(stamped(GLASS, STAMP + 9))
+    np.testing.assert_allclose(details(STAMP + 9), expected(
+        np.diag(np.repeat(np.square(SETTINGS.assumed_sigma), 3))), atol=1e-5)
+    user.wait(lambda: values(states).get('frames in') == '6', 'the last to be counted')
+    assert values(states)['dropped'] == '0'
+
+
+def test_the_losses_of_other_nodes_are_not_its_own_and_no_gripper_is_drawn_once_it_is_inactive(
+        tmp_path, user):
+    with Process(tmp_path, 'pmcl_ros.nodes.grasp_node', '--ros-args', '-r', '__ns:=/robot', '-p',
+                 f'grasps:={FILE}', '-p', 'arm:=fixed') as process:
+        assert all(user.change('robot/grasp_node', CONFIGURE, ACTIVATE)), process.log
+        poses = user.publisher(PoseWithCovarianceStamped, '/robot/pose_with_covariance', SMALL)
+        told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+        grasps, markers = (user.listen(kind, f'/robot/{topic}', SMALL) for kind, topic in (
+            (PoseArray, 'grasps'), (MarkerArray, 'grasp_markers')))
+        poses.publish(with_covariance(GLASS, frame='base_link'))
+        user.wait(lambda: grasps and markers, 'grasps')
+        for k, name in enumerate(('pmcl_node', 'robot/dlv_node', 'robot/pmcl_node'), 1):
+            lost = report(STAMP + k, k)
+            lost.status[0].name = name
+            told.publish(lost)
+        user.wait(lambda: len(grasps) == 2, 'the loss')
+        poses.publish(with_covariance(GLASS, stamp=STAMP + 9, frame='base_link'))
+        user.wait(lambda: len(grasps) == len(markers) == 3, 'grasps')
+        assert user.change('robot/grasp_node', DEACTIVATE)
+        user.wait(lambda: len(markers) == 4, 'the end of the grippers')
+    assert [header_from(each.header).stamp_ns - STAMP for each in grasps] == [0, 3, 9]
+    assert [bool(each.poses) for each in grasps] == [True, False, True]
+    assert [len(each.markers) > 1 for each in markers] == [True, False, True, False]
+
+
 def test_a_loss_takes_the_poses_that_wait_for_their_covariance(node, user):
     _, planner = node(arm='fixed')
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
