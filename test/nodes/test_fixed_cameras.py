@@ -30,6 +30,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.messages.camera_info import pinhole_to_message
@@ -85,8 +86,8 @@ class Camera:
 
     kind, topic = Image, 'image_raw'
 
-    def __init__(self, user, frame):
-        self.user, self.frame = user, frame
+    def __init__(self, user, frame, frame_id=None):
+        self.user, self.frame, self.frame_id = user, frame, frame_id or frame.name
         # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
         self.image = user.publisher(self.kind, f'{frame.name}/{self.topic}', BIG)
         self.info = user.publisher(CameraInfo, f'{frame.name}/camera_info', BIG)
@@ -100,8 +101,12 @@ class Camera:
     def shoot(self, after=0, image=None):
         """after: [ns]."""
         image = self.frame.image if image is None else image
-        header = Header(self.frame.stamp_ns + after, self.frame.name)
-        self.image.publish(picture_to_message(header, image))
+        header = Header(self.frame.stamp_ns + after, self.frame_id)
+        message = picture_to_message(header, image.astype(np.uint8))
+        if image.dtype == np.uint16:
+            message.encoding, message.step = 'rgb16', 2 * message.step
+            message.data = image.tobytes()
+        self.image.publish(message)
         self.user.delivered(self.image)
 
 
@@ -324,6 +329,61 @@ def test_that_all_cameras_are_silent_is_told_once(tmp_path, user, frames, settin
         assert node.log.count(f'{silent}: do the cameras run') == 1
 
 
+def test_after_a_camera_info_that_is_refused_pictures_wait_for_the_next_one(
+        tmp_path, user, frames, settings):
+    """What was known of the camera before is of another calibration."""
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'bits': 12}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        cameras = [Camera(user, each) for each in frames.values()]
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+
+        def value(key):
+            return {each.key: each.value for each in states[-1].status[0].values}.get(key)
+
+        def shoot(after):
+            for each in cameras:
+                each.shoot(after, dim[each.frame.name])
+
+        dim = {name: 8 * each.image.astype(np.uint16) for name, each in frames.items()}
+        for each in cameras:
+            each.tell()
+        shoot(0)
+        user.wait(lambda: all(came), 'the first set')
+        cameras[1].tell(distortion=[0.1] * 3)
+        user.wait(lambda: 'plumb_bob distortion' in node.log, 'its refusal')
+        shoot(SECOND)
+        user.wait(lambda: value('pictures of right') == '2' and value('pictures of left') == '2',
+                  'pictures that wait')
+        assert value('frames out') == '1'
+        cameras[1].tell()
+        user.wait(lambda: all(len(each) == 2 for each in came), 'the second set')
+    shown = {name: replace(each, image=full_range(dim[name], 12))
+             for name, each in frames.items()}
+    for number, messages in enumerate(zip(*came, strict=True)):
+        assert equal(messages, sent_by(shown, settings, number * SECOND))
+
+
+def test_a_hundred_pictures_of_one_camera_wait_for_another(tmp_path, user, frames, settings):
+    """However long its patience: more would fill the memory."""
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'patience': 100.0}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        left, right = (Camera(user, each) for each in frames.values())
+        infos = user.listen(CameraInfo, 'posed_views/camera_info', SMALL)
+        left.tell()
+        for number in range(102):
+            left.shoot(number * SECOND)
+        right.tell()
+        user.wait(lambda: 'dropped set' in node.log, 'the first to be given up')
+        for number in (1, 2):
+            right.shoot(number * SECOND)
+        user.wait(lambda: infos, 'the oldest that waits')
+    assert [header_from(each.header).stamp_ns for each in infos] == [
+        frames['right'].stamp_ns + 2 * SECOND]
+
+
 def test_by_how_much_a_clock_is_off_is_told(tmp_path, user, frames, settings):
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
                  params=settings | {'patience': 0.5}) as node:
@@ -428,15 +488,15 @@ def on_tf(user, settings, monkeypatch):
 
 
 def test_poses_come_from_tf_by_the_frames_of_the_pictures(user, frames, on_tf):
-    cameras = [Camera(user, each) for each in frames.values()]
+    cameras = [Camera(user, each, f'{each.name}_optical') for each in frames.values()]
     came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
     for each in cameras:
         each.tell()
         each.shoot()
-    user.wait(lambda: states and '/tf has no base_link -> right yet: right does not exist' in str(
-        states[-1].status[0].message), 'the reason')
-    Buffer.known |= {each.name: each.pose for each in frames.values()}
+    user.wait(lambda: states and '/tf has no base_link -> right_optical yet: right_optical does '
+              'not exist' in str(states[-1].status[0].message), 'the reason')
+    Buffer.known |= {f'{each.name}_optical': each.pose for each in frames.values()}
     for each in cameras:
         each.shoot(SECOND)
     user.wait(lambda: all(came), 'the views')

@@ -272,6 +272,105 @@ def test_an_image_that_waits_for_its_pose_keeps_its_own_camera_info(tmp_path, us
         assert infos[0].k[0] == pytest.approx(expected.grid.pinhole.fx)
 
 
+ONE_BY_ONE = {'poses': 'topic', 'collect': 'service', 'gap': 20.0, 'movement': 5.0,
+              'least_views': 1, 'auto_finish': False, 'patience': 60.0}
+
+
+def test_a_collection_has_nothing_of_the_one_before_it(tmp_path, user, frames):
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'at_once': False}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        views = user.listen(Image, 'posed_views', BIG)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        for each in ('start', 'take'):
+            assert robot.ask(each).success
+        robot.shoot(frames[0], posed=False)  # it waits
+        assert robot.ask('take').success  # that picture does not come
+        assert robot.ask('start').message == 'collecting'
+        robot.pose.publish(pose_of(frames[0].stamp_ns, frames[0].pose))
+        user.delivered(robot.pose)
+        robot.shoot(frames[1], 'other_camera')  # nobody asked
+        assert robot.ask('take').success
+        robot.shoot(frames[2], 'other_camera')
+        user.wait(lambda: views, 'the view')
+        assert robot.ask('finish').message == '1 posed views in base_link'
+        user.wait(lambda: len(views) == 2, 'the same again')
+        assert all(user.change('sweep_driver', DEACTIVATE, ACTIVATE)), node.log
+        assert 'no sweep is going on' in robot.ask('finish').message
+    assert [each.header.stamp.sec for each in views] == [frames[2].stamp_ns // SECOND] * 2
+
+
+def test_a_picture_has_the_camera_info_of_its_stamp_or_the_last_one_before_it(tmp_path, user,
+                                                                              frames):
+    """Whichever came when; with a hundred others of another zoom between them."""
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=ONE_BY_ONE) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        infos = user.listen(CameraInfo, 'posed_views/camera_info', SMALL)
+        pinhole = frames[0].lens.pinhole
+
+        def tell(stamp_ns, zoom=1):
+            robot.info.publish(pinhole_to_message(
+                Header(stamp_ns, 'wrist_camera'),
+                replace(pinhole, fx=zoom * pinhole.fx, fy=zoom * pinhole.fy)))
+            user.delivered(robot.info)
+
+        def take(frame, told):
+            assert robot.ask('start').success
+            assert robot.ask('take').success
+            robot.shoot(frame, posed=False)
+            told()
+            robot.pose.publish(pose_of(frame.stamp_ns, frame.pose))
+
+        first, second = frames[:2]
+        tell(first.stamp_ns - SECOND)
+        take(first, lambda: tell(first.stamp_ns + 1, zoom=2))
+        user.wait(lambda: len(infos) == 1, 'the first view')
+        for number in range(101):
+            tell(second.stamp_ns - 2 - number, zoom=2)
+        take(second, lambda: tell(second.stamp_ns))
+        user.wait(lambda: len(infos) == 2, 'the second view')
+    assert [each.k[0] for each in infos] == pytest.approx([pinhole.fx] * 2)
+
+
+def test_a_hundred_images_wait_for_their_poses(tmp_path, user, frames):
+    """However long its patience: more would fill the memory."""
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'collect': 'rest', 'patience': 100.0}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        for number in range(102):
+            robot.shoot(replace(frames[0], stamp_ns=START + number), posed=False)
+        user.wait(lambda: 'dropped frame 2, ' in node.log, 'the first to be given up')
+        answer = robot.ask('finish')
+        log = node.log
+    assert re.findall(r'dropped frame (\d+), \d+: 100 younger ones wait too', log) == ['1', '2']
+    assert not answer.success
+    assert log.count('its pose had not come when the sweep ended') >= 100
+
+
+def test_an_image_on_the_way_or_between_poses_far_apart_is_left_out(tmp_path, user, frames):
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'collect': 'rest', 'gap': 2.0}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot, pose = Robot(user), BASE.copy()
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        for at, x, turn in ((0, 0.0, 0.0), (1, 0.4, 0.2), (4, 0.4, 0.2)):  # [s], [m], [rad]
+            pose[0, 3] = x
+            pose[:3, :3] = Rotation.from_rotvec([turn, 0, 0]).as_matrix()
+            robot.pose.publish(pose_of(START + at * SECOND, pose))
+            user.delivered(robot.pose)
+        for after in (SECOND // 2, 2 * SECOND):
+            robot.shoot(replace(frames[0], stamp_ns=START + after), posed=False)
+        user.wait(lambda: 'dropped frame 2, ' in node.log, 'the second to be given up')
+        said = robot.ask('finish').message
+    assert re.search(r'frame 1: moved by .* \(0\.400 m/s, 0\.200 rad/s\)', said), said
+    assert '2 s are allowed (gap)' in said
+
+
 def test_compressed_pictures_are_taken_from_the_topic_beside_a_remapped_one(tmp_path, user,
                                                                             frames):
     settings = {'poses': 'topic', 'rows': 3, 'columns': 3, 'baseline': STEP, 'near': NEAR,
