@@ -79,9 +79,11 @@ def test_stopping_ends_the_running_job_and_forgets_the_waiting_one(worker):
 
     worker.offer(search)
     assert started.wait(PATIENCE)
-    worker.offer(lambda tool: tool.use('never'))
-    worker.stop()
+    waiting = partial(Tool.use, job='never')
+    worker.offer(waiting)
+    assert worker.stop() is waiting  # who offered it can say that it is lost
     assert worker.owned.jobs == ['stopped']
+    assert worker.stop() is None
     worker.resume()
     done = threading.Event()
     worker.offer(lambda tool: (tool.use('after'), done.set()))
