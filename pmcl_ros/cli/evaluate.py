@@ -72,7 +72,7 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
 @click.option('--trials', type=click.IntRange(1), default=10, show_default=True, help='Seeds.')
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
 @click.option('--wrong-objects', is_flag=True, help='Search each capture also for the objects '
-              'of other captures, with each seed for another object: they should be lost.')
+              'of other captures, each with each seed for another object: they should be lost.')
 @click.option('--object-id', 'object_ids', multiple=True, type=click.IntRange(0), metavar='N',
               help='For a BOP data set: only this object.')
 @click.option('--views', type=click.IntRange(1), help='For a BOP data set whose cameras have '

@@ -11,8 +11,8 @@ from pmcl_ros.evaluation.variants import Variant
 class TrialPlan:
     """Trials to be made.
 
-    others: captures whose objects are looked for too, where they are not: with each seed another
-    one. Empty: none.
+    others: captures whose objects are looked for too, where they are not: in each capture, and
+    with each seed, another one. Empty: none.
     """
 
     captures: tuple[Capture, ...]
@@ -22,9 +22,10 @@ class TrialPlan:
 
     def jobs(self) -> list[Job]:
         """All trials; those of one volume follow each other."""
-        return [job for capture in self.captures for job in self._jobs_in(capture)]
+        return [job for number, capture in enumerate(self.captures)
+                for job in self._jobs_in(capture, number)]
 
-    def _jobs_in(self, capture: Capture) -> list[Job]:
+    def _jobs_in(self, capture: Capture, number: int) -> list[Job]:
         there = {each.object for each in self.others if capture.shows(each)}
         others = [] if capture.truth.empty else list({
             each.object: each for each in self.others
@@ -32,7 +33,7 @@ class TrialPlan:
         jobs = []
         for variant in self.variants:
             jobs += [Job(capture, capture, variant, seed) for seed in self.seeds]
-            jobs += [Job(capture, others[k % len(others)], variant, seed)
+            jobs += [Job(capture, others[(number + k) % len(others)], variant, seed)
                      for k, seed in enumerate(self.seeds) if others]
         # The volume depends on the row's base and changes and, by its size, on the object.
         volumes = {each: number for number, each in enumerate(dict.fromkeys(map(_volume, jobs)))}

@@ -60,6 +60,21 @@ def test_each_seed_looks_for_another_wrong_object(captures):
     assert len(jobs) == 6
 
 
+def test_each_capture_looks_for_another_wrong_object(captures, tmp_path):
+    """One that resembles many would else decide how often wrong objects are claimed."""
+    glass, others = captures[0], []
+    for number in range(4):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / 'model.obj').write_text(f'# {number}')
+        others.append(replace(glass, folder=folder, source=folder, name=str(number)))
+    jobs = TrialPlan(tuple(others), ROW, (0, 1), tuple(others)).jobs()
+    for seed in (0, 1):
+        sought = [job.sought.name for job in jobs
+                  if job.seed == seed and job.sought != job.capture]
+        assert sorted(sought) == ['0', '1', '2', '3']
+
+
 def test_jobs_of_one_volume_follow_each_other(captures):
     rows = (Variant.parse('moves=2'), Variant.parse('labels=9'), Variant.parse('moves=3'),
             Variant.named('faithful'))
