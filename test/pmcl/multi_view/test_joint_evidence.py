@@ -46,6 +46,9 @@ def test_views_that_are_spread_are_the_first_and_those_farthest_from_it_and_each
     assert several.spread(2) == [0, 2]
     assert several.spread(3) == [0, 2, 5]
     assert several.spread(6) == several.spread(9) == [*range(6)]  # each once
+    aside = np.tile(np.eye(4), (3, 1, 1))  # of one direction
+    aside[:, 0, 3] = 0, 0.03, -0.06
+    assert joint(aside).spread(2) == [0, 2]
 
 
 def test_an_error_of_a_camera_is_seen_the_smaller_the_farther_it_is(joint):
