@@ -102,6 +102,8 @@ def test_a_signal_leaves_a_bag_of_all_that_came(tmp_path, user):
     images = user.node.create_publisher(Image, 'image_raw', BIG)
     seconds = count()
     with recording(tmp_path, tmp_path / 'bag', '--preset', 'raw') as recorder:
+        # A latched message comes whenever its publisher has been discovered.
+        user.wait(lambda: 'recorded 1 messages' in recorder.log, 'the metadata')
 
         def written():
             images.publish(image(next(seconds)))
