@@ -340,7 +340,8 @@ def test_after_a_camera_info_that_is_refused_pictures_wait_for_the_next_one(
         states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
 
         def value(key):
-            return {each.key: each.value for each in states[-1].status[0].values}.get(key)
+            return {each.key: each.value for one in states[-1:]
+                    for each in one.status[0].values}.get(key)
 
         def shoot(after):
             for each in cameras:
@@ -375,6 +376,7 @@ def test_a_hundred_pictures_of_one_camera_wait_for_another(tmp_path, user, frame
         left.tell()
         for number in range(102):
             left.shoot(number * SECOND)
+            user.state('fixed_cameras')  # it has taken the picture when it answers
         right.tell()
         user.wait(lambda: 'dropped set' in node.log, 'the first to be given up')
         for number in (1, 2):

@@ -330,6 +330,7 @@ def test_a_picture_has_the_camera_info_of_its_stamp_or_the_last_one_before_it(tm
         user.wait(lambda: len(infos) == 1, 'the first view')
         for number in range(101):
             tell(second.stamp_ns - 2 - number, zoom=2)
+            user.state('sweep_driver')
         take(second, lambda: tell(second.stamp_ns))
         user.wait(lambda: len(infos) == 2, 'the second view')
     assert [each.k[0] for each in infos] == pytest.approx([pinhole.fx] * 2)
@@ -343,6 +344,7 @@ def test_a_hundred_images_wait_for_their_poses(tmp_path, user, frames):
         robot = Robot(user)
         for number in range(102):
             robot.shoot(replace(frames[0], stamp_ns=START + number), posed=False)
+            user.state('sweep_driver')  # it has taken the image when it answers
         user.wait(lambda: 'dropped frame 2, ' in node.log, 'the first to be given up')
         answer = robot.ask('finish')
         log = node.log

@@ -128,10 +128,10 @@ def connected():
 def test_the_limit_of_an_answer_is_in_place_of_that_of_the_request(connected):
     """A large picture takes longer than an answer may keep one waiting."""
     ours, other = connected
-    with Exchanges().begin(0.2) as exchange:
+    with Exchanges().begin(1.0) as exchange:
         exchange.uses(ours)
         exchange.answers(LONG, 2 * LONG)
-        time.sleep(0.5)
+        time.sleep(1.5)
         other.sendall(b'x')
         assert ours.recv(1) == b'x'
         assert (exchange.ended, exchange.limit) == (False, 2 * LONG)
@@ -156,11 +156,11 @@ def test_what_is_over_leaves_its_socket_to_the_next(connected):
     exchanges = Exchanges()
     with exchanges.begin(LONG) as over:
         pass
-    with exchanges.begin(0.2) as first:
+    with exchanges.begin(1.0) as first:
         first.uses(ours)
     with exchanges.begin(LONG) as second:
         second.uses(ours)
-        time.sleep(0.5)
+        time.sleep(1.5)
         assert not first.ended  # its limit is over with it
         first.end()
         other.sendall(b'x')
