@@ -71,8 +71,8 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
               'row for each value, and a drawing of accuracy over time.')
 @click.option('--trials', type=click.IntRange(1), default=10, show_default=True, help='Seeds.')
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
-@click.option('--wrong-objects', is_flag=True, help='Search each capture also for the objects '
-              'of other captures, each with each seed for another object: they should be lost.')
+@click.option('--wrong-objects', is_flag=True, help='Search each capture also for an object '
+              'of another capture, with each seed for a different one: it should be lost.')
 @click.option('--object-id', 'object_ids', multiple=True, type=click.IntRange(0), metavar='N',
               help='For a BOP data set: only this object.')
 @click.option('--views', type=click.IntRange(1), help='For a BOP data set whose cameras have '

@@ -194,8 +194,10 @@ class _Known:
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
                ) -> NDArray[np.float64]:
-    """(n, n) covariance by the model error of what views and others add to the gradient; () 0
-    where one of them are none."""
+    """(n, n) covariance by the model error of what views and others add to the gradient.
+
+    A scalar 0 where there are no views, or no others.
+    """
     if not (views and others):
         return np.zeros(())
     distance, same_side, alike = pairs(views, others, error)
