@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 from rich.progress import Progress, track
+from scipy.spatial.distance import pdist
 
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.cli.region import settled
@@ -53,6 +54,8 @@ def localize_one(opened: Opened, model: ObjectModel, request: Request, truth: Pa
     run = _run(pipeline, read, settings.seed, with_volume=request.results is not None)
     _print(run.estimate, _seconds(run), request.as_json)
     _tell_of_copy(model, run.estimate)
+    if run.estimate.lost and opened.scaled and isinstance(run.source, PosedViews):
+        _ask_scale(run.source)
     if truth is not None:
         _tell_error(model, run.estimate, truth)
     if request.results is not None:
@@ -121,6 +124,12 @@ def _tell_of_copy(model: ObjectModel, estimate: PoseEstimate) -> None:
         _LOG.warning('at (%.4f, %.4f, %.4f) m is a pose with %.0f %% of the evidence: is there '
                      'another such object? To find both, give --object twice',
                      *other.pose[:3, 3], 100 * other.score / estimate.score)
+
+
+def _ask_scale(views: PosedViews) -> None:
+    places = np.array([each.camera_to_reference[:3, 3] for each in views.views])
+    _LOG.warning('lost, and a COLMAP model has no metric scale: is that of --scale or --distance '
+                 'right? By it cameras are up to %.3g m apart', pdist(places).max(initial=0))
 
 
 def _tell_error(model: ObjectModel, estimate: PoseEstimate, truth: Path) -> None:

@@ -78,10 +78,14 @@ _OF_POSES = (
 
 
 class Opened(NamedTuple):
-    """What makes or reads the source. posed: it is `PosedViews`. serial: of a Lytro."""
+    """What makes or reads the source.
+
+    posed: it is `PosedViews`. scaled: by --scale or --distance. serial: of a Lytro.
+    """
 
     read: Callable[[], Source]
     posed: bool = False
+    scaled: bool = False
     serial: str = ''
 
 
@@ -163,7 +167,8 @@ class GivenSource(GivenReading):
             if self.source.is_dir():
                 self._check_folder(reading)
             self._check_no_raw()
-            return Opened(partial(reading.read, self.source), has_posed_views(self.source))
+            return Opened(partial(reading.read, self.source), has_posed_views(self.source),
+                          is_colmap(self.source))
         suffix = self.source.suffix.lower()
         if suffix in _OF_BAGS:
             raise click.UsageError(f'{self.source} is a file of a bag: give its folder, with '

@@ -16,7 +16,7 @@ from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
 from pmcl_ros.runtime.errors import LightFieldError
 
-FRAME = 'colmap'  # of the poses of a model
+_FRAME = 'colmap'  # of the poses of a model
 _CAMERAS, _IMAGES = 'cameras.txt', 'images.txt'
 _PLACES = ('', 'sparse/0', 'sparse')  # of a model in the folder of a project
 _MOST_BYTES = 2 ** 28  # of images.txt, which lists all points too
@@ -77,7 +77,7 @@ def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
         pose[:3, 3] *= scale
         views.append({'file': each.name, 'camera': each.camera,
                       'camera_to_reference': pose.ravel().tolist()})
-    found = ViewsFile.make({'cameras': cameras, 'views': views, 'reference': FRAME},
+    found = ViewsFile.make({'cameras': cameras, 'views': views, 'reference': _FRAME},
                            str(folder))
     return found, _pictures(path, folder, images)
 

@@ -19,7 +19,6 @@ from pmcl_ros.lightfield.camera_adjustment import (
     pair_fits,
 )
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers import colmap
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
@@ -65,9 +64,6 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
     if found.estimate.lost and _is_one_camera(evidence):
         _LOG.warning('lost, and all %d views have the same camera pose: give each picture its own',
                      len(evidence.views))
-    if found.estimate.lost and evidence.header.frame_id == colmap.FRAME:
-        _LOG.warning('lost, and a COLMAP model has no metric scale: is that of --scale or '
-                     '--distance right? By it cameras are up to %.3g m apart', _extent(evidence))
     kept = _kept(evidence, hidden)
     return replace(found, estimate=replace(found.estimate, hidden=hidden), fits=[
         replace(each, number=kept[each.number]) for each in found.fits]), rest
@@ -77,12 +73,6 @@ def _is_one_camera(evidence: ViewsEvidence) -> bool:
     """Whether several views have one and the same camera pose."""
     cameras = np.array([each.camera_to_reference for each in evidence.views])
     return len(cameras) > 1 and float(np.ptp(cameras, axis=0).max()) < _SAME
-
-
-def _extent(evidence: ViewsEvidence) -> float:
-    """The largest distance between two cameras [m]."""
-    places = np.array([each.camera_to_reference[:3, 3] for each in evidence.views])
-    return float(np.linalg.norm(places[:, None] - places, axis=2).max())
 
 
 def _kept(evidence: ViewsEvidence, hidden: Sequence[int]) -> list[int]:
