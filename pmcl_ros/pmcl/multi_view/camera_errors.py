@@ -38,6 +38,16 @@ class CameraErrors:
             for group in sorted({each.group for each in views if each.group})])
         return cls(np.stack(columns, axis=-1) if columns else np.zeros((len(views), 6, 0)))
 
+    def with_scale(self, cameras: NDArray[np.float64], about: NDArray[np.float64], sigma: float
+                   ) -> 'CameraErrors':
+        """With a last motion: all cameras (n, 4, 4) farther from a place (3,), by a share.
+
+        sigma: standard deviation of that share.
+        """
+        away = np.einsum('nji,nj->ni', cameras[:, :3, :3], cameras[:, :3, 3] - about)
+        off = np.concatenate([-sigma * away, np.zeros_like(away)], axis=1)
+        return CameraErrors(np.concatenate([self.root, off[:, :, None]], axis=2))
+
     @property
     def number(self) -> int:
         """k, of motions."""

@@ -31,6 +31,9 @@ from pmcl_ros.runtime.progress import Progress
 _REFINEMENTS = 12  # Gauss-Newton steps at most; poses and nuisances converge in less
 _SAME_POSE = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
+_CLEARLY = 3.0  # standard deviations of distances that are clearly wrong
+_SCALE = 0.03  # of distances: standard deviation of a scale of which little is known
+_CONTOURS = 0.004  # of distances: a contour 120 px across is found a quarter of a pixel off
 
 
 def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> LearnedViews | None:
@@ -40,6 +43,28 @@ def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> Learn
     """
     several = len(joint.views) > 1 and isinstance(joint.views[0].edges, ContourMap)
     return (given or learned_views()) if several else None
+
+
+@dataclass(frozen=True)
+class CameraScale:
+    """By what share cameras fit an object of known size better that are farther from it.
+
+    sigma: standard deviation of that. An object that is smaller by this share looks the same.
+    """
+
+    share: float
+    sigma: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether they are not where they were reported to be."""
+        return abs(self.share) > _CLEARLY * self.sigma
+
+    def describe(self) -> str:
+        """By how much, and how sure that is."""
+        off = 'farther apart' if self.share > 0 else 'closer together'
+        return (f'cameras {100 * abs(self.share):.1f} % {off} (standard deviation '
+                f'{100 * self.sigma:.1f})')
 
 
 @dataclass(frozen=True)
@@ -101,6 +126,21 @@ class JointPosterior:
         """Mean evidence beyond the contours of the mode near a pose (4, 4) [nat / px]."""
         known = self._known_at(pose)
         return self.contours.beyond(known.pose, known.nuisances)
+
+    def scale_near(self, pose: NDArray[np.float64]) -> 'CameraScale':
+        """How the mode near a pose (4, 4) fits cameras that are farther apart."""
+        known, joint = self._known_at(pose), self.contours.joint
+        errors = joint.errors.with_scale(joint.cameras, known.pose[:3, 3], _SCALE)
+        freer = replace(self, contours=replace(self.contours, joint=replace(joint, errors=errors)))
+        pose, nuisances, local = freer._refined_at(
+            -1, known.pose, np.insert(known.nuisances, -1, 0), known.scale, False)
+        # Where views fit better, their evidence counts more.
+        scale = freer.contours.local_model(pose, True, nuisances, None).scale
+        local = freer.contours.local_model(pose, False, nuisances, scale)
+        assert local.nuisances is not None
+        variance = local.nuisances.covariance(local.information)[-2, -2]
+        return CameraScale(_SCALE * float(nuisances[-2]),
+                           float(np.hypot(_SCALE * np.sqrt(variance), _CONTOURS)))
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is reported to be.

@@ -23,6 +23,7 @@ from pmcl_ros.pmcl.multi_view.view_warnings import (
     warn_of_disagreement,
     warn_of_errors,
     warn_of_region,
+    warn_of_scale,
     warn_of_unused,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -98,6 +99,8 @@ class MultiViewLocalizer(Closing):
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         if not found.estimate.lost:
             warn_of_errors(found.understated)
+            if found.scale is not None:
+                warn_of_scale(found.scale)
         return with_surface(found.estimate, evidence, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -141,9 +144,11 @@ class MultiViewLocalizer(Closing):
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
             understated = posterior.understated_near(estimate.pose)
+            scale = (None if posterior.numbers is None or request.near is not None
+                     else posterior.scale_near(estimate.pose))
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
-                      first @ modes, shown, understated)
+                      first @ modes, shown, understated, scale)
 
     def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,

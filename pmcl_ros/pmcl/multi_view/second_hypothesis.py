@@ -22,6 +22,8 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.multi_view.joint_posterior import CameraScale
+from pmcl_ros.pmcl.multi_view.view_warnings import SCALE_ADVICE
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 
 _LOG = logging.getLogger(__name__)
@@ -39,7 +41,8 @@ class Found:
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
     reference frame. shown: views that show a lost object (`shown_in`). understated: factor
-    by which stated errors of the cameras' poses are too small.
+    by which stated errors of the cameras' poses are too small. scale: of their distances; None:
+    there is one view, or the pose was looked for near others.
     """
 
     estimate: PoseEstimate
@@ -47,6 +50,7 @@ class Found:
     modes: NDArray[np.float64]
     shown: tuple[int, ...]
     understated: float
+    scale: CameraScale | None = None
 
 
 _Search = Callable[[ViewsEvidence], Found]
@@ -61,6 +65,8 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
     found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
     hidden = found.estimate.hidden
     found, rest = _cameras_off(rest, found, search) or (found, rest)
+    if found.estimate.lost and found.scale is not None and found.scale.is_clear:
+        _ask_scale(rest, found.estimate, found.scale, search)
     if found.estimate.lost and _is_one_camera(evidence):
         _LOG.warning('lost, and all %d views have the same camera pose: give each picture its own',
                      len(evidence.views))
@@ -208,6 +214,17 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
     _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
                  off, _ADVICE, _OF_MESH)
     return _with_cameras(found, cameras), loose
+
+
+def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, search: _Search
+               ) -> None:
+    """Warn where it would be found with cameras at other distances from it, which stays lost."""
+    place = lost.pose[:3, 3]
+    moved = [each.camera_to_reference.copy() for each in evidence.views]
+    for each in moved:
+        each[:3, 3] += scale.share * (each[:3, 3] - place)
+    if not search(evidence.with_cameras(AssumedCameras(np.array(moved)))).estimate.lost:
+        _LOG.warning('lost, and found with %s: %s', scale.describe(), SCALE_ADVICE)
 
 
 def _with_cameras(found: Found, cameras: AssumedCameras) -> Found:

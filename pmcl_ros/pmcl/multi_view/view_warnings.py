@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.multi_view.joint_posterior import CameraScale
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 
 _LOG = logging.getLogger(__name__)
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
+SCALE_ADVICE = 'check the scale of their poses, the size of the mesh, and the focal length'
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
@@ -85,6 +87,14 @@ def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:
         _LOG.warning('views disagree: view %d by %.1f px, where %.1f is expected; check the '
                      'hand-eye transform, the clock, and whether the object moved', worst.number,
                      worst.apart, worst.allowed)
+
+
+def warn_of_scale(scale: CameraScale) -> None:
+    """Warn where the cameras fit an object of its size clearly better at other distances."""
+    if scale.is_clear:
+        _LOG.warning('the views fit best with %s: %s', scale.describe(), SCALE_ADVICE)
+    else:
+        _LOG.info('the views fit best with %s', scale.describe())
 
 
 def warn_of_errors(understated: float) -> None:

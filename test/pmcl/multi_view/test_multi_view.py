@@ -566,6 +566,36 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
     assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
+@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
+@pytest.mark.parametrize(('scale', 'is_lost'), [(1, False), (0.985, False), (1.015, False),
+                                                (0.96, True), (1.04, True)])
+def test_cameras_at_wrong_distances_are_told(context, caplog, model, scale, is_lost):
+    """As those of a model that was scaled by a wrong length, about the middle here."""
+    truth, cameras = truth_of(model), around([-25, 0, 25])
+    told = cameras.copy()
+    told[:, :3, 3] = MIDDLE + scale * (cameras[:, :3, 3] - MIDDLE)
+    evidence = seen_by_others(maps_seen(context, model, truth, cameras), told)
+    with caplog.at_level(logging.INFO):
+        assert found(model, evidence).lost == is_lost
+    line, = (each for each in caplog.records if 'standard deviation' in each.message)
+    assert line.message.startswith('lost, and found with ' if is_lost
+                                   else 'the views fit best with ')
+    percent, sigma = map(float, re.findall(r'\d+\.\d', line.message))
+    share = percent if 'farther apart' in line.message else -percent
+    assert abs(share - 100 * (1 / scale - 1)) < 3 * sigma
+    assert (line.levelname == 'WARNING') == ('check the scale' in line.message) == (scale != 1)
+
+
+def test_a_scale_moves_cameras_from_a_place():
+    cameras, place = off(around([-30, 10, 40]), 5, 3), np.array([0.1, -0.2, 0.3])
+    known = CameraErrors(np.random.default_rng(0).normal(size=(3, 6, 2)))
+    scaled = known.with_scale(cameras, place, 0.02)
+    moved = scaled.moved(cameras, np.array([0, 0, 1.5]))
+    np.testing.assert_allclose(moved[:, :3, 3] - place, 1.03 * (cameras[:, :3, 3] - place))
+    np.testing.assert_allclose(moved[:, :3, :3], cameras[:, :3, :3], atol=1e-15)
+    np.testing.assert_array_equal(scaled.root[..., :2], known.root)
+
+
 def test_a_region_beside_what_the_cameras_look_at_is_asked_for(context, caplog):
     evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 0, 20]), CAMERA)
     assert found(CUP, evidence, settings((*MIDDLE[:2], 0.57), (0.1, 0.1, 0.1))).lost
