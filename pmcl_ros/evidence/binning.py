@@ -34,7 +34,8 @@ def binned(view: PosedView, larger: int) -> PosedView:
     """A view in which squares of `larger` pixels are one."""
     reduction = Reduction(1, larger)
     picture = np.clip(reduction.shrunk(view.picture), 0, 1)
-    return replace(view, picture=picture, pinhole=reduction.pinhole(view.pinhole))
+    return replace(view, picture=picture, pinhole=reduction.pinhole(view.pinhole),
+                   mask=None if view.mask is None else reduction.shrunk_mask(view.mask))
 
 
 def binned_to_fit(source: Source, settings: DlvSettings) -> Source:

@@ -28,7 +28,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     """The contour map of a capture, for the pixels of `PixelGrid.from_crop` the settings.
 
     Of a light field: of the inner views, refocused at `REFOCUSED` depths. Of one picture: the same
-    at all depths.
+    at all depths, and nothing where its mask is False.
     settings: depths, inner views and crop. numbers: by default those that the package ships.
     size: of the object in one picture [px]. Where it is large, the search begins in the map with
     larger pixels.
@@ -51,6 +51,9 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         odds = _log_odds(each, lattice)
         tensor[:, :, label] = odds[..., :-1]
         inside[:, :, label] = odds[..., -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
+    if isinstance(source, PosedView) and source.mask is not None:  # log odds of 0 say nothing
+        hidden = ~source.mask[lattice.rows[:, None], lattice.columns]
+        tensor[hidden] = inside[hidden] = 0
     larger = min(bin_side(size / settings.stride), min(lattice.shape) // _LEAST)
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),

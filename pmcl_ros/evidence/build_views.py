@@ -48,10 +48,16 @@ def _of_same_picture(view: PosedView, kept: Iterable[tuple[PosedView, EvidenceVo
                      ) -> EvidenceVolume | None:
     """The evidence of the view, among others, of this picture by this camera."""
     return next((evidence for other, evidence in kept if other.pinhole == view.pinhole
-                 and _same(other.picture, view.picture)), None)
+                 and _same(other.picture, view.picture) and _same_mask(other, view)), None)
 
 
 def _same(one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
     """Whether pictures are; most that are not differ in some of their pixels already."""
     some = slice(None, None, 16)
     return np.array_equal(one[some, some], other[some, some]) and np.array_equal(one, other)
+
+
+def _same_mask(one: PosedView, other: PosedView) -> bool:
+    if one.mask is None or other.mask is None:
+        return one.mask is other.mask
+    return np.array_equal(one.mask, other.mask)

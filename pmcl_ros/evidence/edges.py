@@ -26,6 +26,7 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import compiled, rounds
 
 # px: of the smoothing before the derivative. With that before the sampling (`SMOOTHER`) it is
@@ -101,8 +102,12 @@ def view_edges(view: PosedView, settings: DlvSettings) -> EdgeVolume:
     """The edge volume of one picture, for the pixels of `PixelGrid.from_crop` the settings.
 
     One view knows no depth: its two labels, `far` and `near`, are alike.
-    Raises VolumeError when the crop reaches out of the picture, or the picture is too large.
+    Raises VolumeError when the crop reaches out of the picture, the picture is too large, or it
+    has a mask: where edges have no energy, they speak against a contour.
     """
+    if view.mask is not None:
+        raise VolumeError(f'{view.name or "the picture"} has a mask, which edges cannot leave '
+                          'out: search in the contour map (evidence map)')
     check_memory(PixelGrid.from_crop(view.pinhole, (0, 0, 0, 0), 1), 2)
     lattice = PixelGrid.from_crop(view.pinhole, settings.crop, settings.stride)
     light_field = LightField.of_one_view(view.header, view.linear(), view.pinhole)

@@ -40,6 +40,8 @@ class PosedView:
         rest is of each view.
     drift: standard deviation by which the object may have moved since, on each axis [m].
     name: of the picture, in messages; empty: it is the only one.
+    mask: (height, width) bool, False where the picture shows what moves with the camera, as a
+        gripper, or burnt-in text, which is no evidence; None: nowhere.
     Raises LightFieldError when these do not fit together.
     """
 
@@ -52,6 +54,7 @@ class PosedView:
     common: float = 1.0
     drift: float = 0.0
     name: str = ''
+    mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         expected = (self.pinhole.height, self.pinhole.width, 3)
@@ -61,6 +64,10 @@ class PosedView:
                                   'height, width, red green blue')
         if not (self.picture.min() >= 0 and self.picture.max() <= 1):  # NaN is neither
             raise LightFieldError('the picture holds values that are not 0 to 1, or NaN')
+        if self.mask is not None and (self.mask.shape != expected[:2]
+                                      or self.mask.dtype != np.bool_):
+            raise LightFieldError(f'the mask is {self.mask.dtype} of shape {self.mask.shape}, its '
+                                  f'picture says bool of {expected[:2]}: height, width')
         check_pose(self.camera_to_reference, 'camera_to_reference')
         if not (np.isfinite(self.sigma).all() and min(self.sigma) >= 0):
             raise LightFieldError(f'standard deviations of the pose {self.sigma} must be finite '
@@ -72,8 +79,10 @@ class PosedView:
 
     def crop(self, left: int, top: int, width: int, height: int) -> 'PosedView':
         """A part of it [px], as a view of its own."""
-        return replace(self, picture=self.picture[top:top + height, left:left + width],
-                       pinhole=self.pinhole.crop(left, top, width, height))
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        return replace(self, picture=self.picture[rows, columns],
+                       pinhole=self.pinhole.crop(left, top, width, height),
+                       mask=None if self.mask is None else self.mask[rows, columns])
 
     def linear(self) -> NDArray[np.float32]:
         """(height, width, 3) linear light, 1 at white."""

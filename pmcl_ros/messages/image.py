@@ -18,7 +18,8 @@ from pmcl_ros.runtime.picture_file import decoded
 _LOG = logging.getLogger(__name__)
 
 # What this package publishes. encoding: type of one value, values per pixel
-_ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
+_ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgba16': ('<u2', 4),
+              'rgb8': ('u1', 3),
               '32FC1': ('<f4', 1), '32FC3': ('<f4', 3), '32FC4': ('<f4', 4),
               '32FC5': ('<f4', 5)}
 # What other cameras publish. encoding: bits, channels, OpenCV's code to make it RGB (None: it is

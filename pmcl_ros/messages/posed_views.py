@@ -29,7 +29,8 @@ class PosedViewsMessages(NamedTuple):
 def posed_views_to_messages(views: PosedViews) -> PosedViewsMessages:
     """Some views of one scene. All have the stamp of the last, and the reference frame.
 
-    posed_views: rgb16, the pictures one below the other, gamma encoded, 65535 at white.
+    posed_views: rgb16, the pictures one below the other, gamma encoded, 65535 at white. Where a
+        view has a mask: rgba16, alpha 0 where a mask is False, else 65535.
     camera_info: the pinhole of each, that of the first view; pictures of other pinholes are
         resampled to it.
     poses: of the cameras' optical frames in the reference frame.
@@ -65,12 +66,17 @@ def sigma_to_message(views: PosedViews) -> Image:
 def mosaic_to_message(views: PosedViews, buffer: Buffer | None = None) -> Image:
     """`posed_views` alone."""
     pinhole = views.views[0].pinhole
+    masked = any(each.mask is not None for each in views.views)
     message, mosaic = image_message(
-        views.header, 'rgb16', (len(views.views) * pinhole.height, pinhole.width), buffer)
-    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, 3)
+        views.header, 'rgba16' if masked else 'rgb16',
+        (len(views.views) * pinhole.height, pinhole.width), buffer)
+    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, 4 if masked else 3)
     for tile, view in zip(tiles, views.views, strict=True):
-        picture = Lens(view.pinhole).undistorted(view.picture, pinhole)
-        tile[:] = np.rint(picture * np.float32(_WHITE))
+        lens = Lens(view.pinhole)
+        tile[..., :3] = np.rint(lens.undistorted(view.picture, pinhole) * np.float32(_WHITE))
+        if masked:
+            tile[..., 3] = _WHITE * (1 if view.mask is None else lens.undistorted_mask(
+                view.mask, pinhole))
     return message
 
 
@@ -92,12 +98,12 @@ def posed_views_from(camera_info: CameraInfo, poses: PoseArray, sigma: Image, vi
             f'posed_views/sigma; {len(cameras)} poses (posed_views/poses) of '
             f'{pinhole.width}x{pinhole.height} px (posed_views/camera_info) make '
             f'{expected[1]}x{expected[0]} and {len(cameras)} rows')
-    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, 3)
+    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, mosaic.shape[2])
     with promised_by('posed_views'):
         return PosedViews(tuple(
-            PosedView(header, tile.astype(np.float32) / np.float32(_WHITE), pinhole, camera,
-                      (position, rotation), f'group {number:.0f}' if number else '', common, drift,
-                      f'view {place}')
+            PosedView(header, tile[..., :3].astype(np.float32) / np.float32(_WHITE), pinhole,
+                      camera, (position, rotation), f'group {number:.0f}' if number else '',
+                      common, drift, f'view {place}', _mask_of(tile))
             for place, (tile, camera, (position, rotation, common, number, drift))
             in enumerate(zip(tiles, cameras, rows.astype(float).tolist(), strict=True))))
 
@@ -130,5 +136,12 @@ def sigmas_from(message: Image) -> NDArray[np.float32]:
 
 
 def mosaic_from(message: Image) -> NDArray[np.uint16]:
-    """(n * height, width, 3) of a `posed_views` message, not copied."""
-    return pixels_of(message, 'rgb16', 'posed_views')
+    """(n * height, width, 3 or, with masks, 4) of a `posed_views` message, not copied."""
+    return pixels_of(message, 'rgba16' if message.encoding == 'rgba16' else 'rgb16',
+                     'posed_views')
+
+
+def _mask_of(tile: NDArray[np.uint16]) -> NDArray[np.bool_] | None:
+    """Of a view (height, width, 3 or 4); None where nothing is left out."""
+    mask = np.asarray(tile[..., 3:].any(axis=2))
+    return None if tile.shape[2] < 4 or mask.all() else mask

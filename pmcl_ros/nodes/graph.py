@@ -131,7 +131,8 @@ TOPICS = (
                'of their variance that its group shares, the number of its group, the standard '
                'deviation by which the object may have moved since [m]'),
     TopicEntry('posed_views', _IMAGE, BIG, _POSED, (_DLV, _PMCL),
-               'the views one below the other, rgb16, gamma encoded, 65535 = white'),
+               'the views one below the other, rgb16 (with masks rgba16), gamma encoded, '
+               '65535 = white'),
     TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),
     TopicEntry('dlv/edges', _ARRAY, BIG, (_DLV,), (_PMCL,),
                'edge energy, height x width x depth x tensor'),

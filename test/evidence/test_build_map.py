@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evidence.binning import bin_side
+from pmcl_ros.evidence.binning import bin_side, binned
 from pmcl_ros.evidence.build_map import REFOCUSED, build_map
 from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.evidence.edges import view_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import centre_view
-from pmcl_ros.runtime.errors import VolumeError
+from pmcl_ros.runtime.errors import LightFieldError, VolumeError
 
 SIDE, RADIUS, MIDDLE = 224, 50.0, (110.0, 117.0)
 CAMERA = Pinhole(SIDE, SIDE, 640.0, 640.0, 111.5, 111.5)
@@ -118,3 +119,29 @@ def test_a_picture_of_one_colour_is_told(light_field, caplog, level):
     assert 'a picture is of one colour: is the lens covered, is it dark, or are' in caplog.text
     build_map(replace(blank, name='b.png'), SETTINGS)
     assert 'b.png is of one colour: is the lens covered' in caplog.text
+
+
+def test_where_a_mask_is_false_a_map_says_nothing_and_edges_are_refused(light_field):
+    view, mask = centre_view(light_field), np.ones((SIDE, SIDE), bool)
+    mask[120:, 60:90] = False
+    masked = replace(view, mask=mask)
+    crop = DlvSettings(near=0.35, far=0.7, crop=(40, 30, 130, 150))
+    for settings, kept in ((SETTINGS, mask), (crop, mask[30:180, 40:170])):
+        whole, odds = build_map(view, settings), build_map(masked, settings)
+        assert not odds.tensor[~kept].any()
+        assert not odds.inside[~kept].any()
+        np.testing.assert_array_equal(odds.tensor[kept], whole.tensor[kept])
+    with pytest.raises(VolumeError, match='has a mask, which edges cannot leave out'):
+        view_edges(masked, SETTINGS)
+
+
+def test_a_mask_is_cut_and_binned_with_its_picture(light_field):
+    mask = np.ones((SIDE, SIDE), bool)
+    mask[101:, 60:90] = False
+    view = replace(centre_view(light_field), mask=mask)
+    np.testing.assert_array_equal(view.crop(50, 90, 30, 20).mask, mask[90:110, 50:80])
+    larger = binned(view, 2).mask
+    squares = mask.reshape(SIDE // 2, 2, SIDE // 2, 2)
+    np.testing.assert_array_equal(larger, squares.all(axis=(1, 3)))
+    with pytest.raises(LightFieldError, match='the mask is bool of shape'):
+        replace(view, mask=mask[1:])

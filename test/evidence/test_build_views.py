@@ -36,5 +36,13 @@ def test_a_picture_is_known_by_its_pixels_and_its_camera() -> None:
     third = builder.build(PosedViews((replace(other, picture=changed),
                                       replace(one, pinhole=wide)))).views
     assert not {id(each.evidence) for each in third} & {id(each.evidence) for each in first}
+    mask = np.ones((48, 64), bool)
+    maps = ViewsEvidenceBuilder(DlvSettings())
+    plain = maps.build(PosedViews((one,))).views[0].evidence
+    mask[20:, 10:20] = False
+    masked = maps.build(PosedViews((replace(one, mask=mask),))).views[0].evidence
+    assert masked is not plain
+    again = maps.build(PosedViews((replace(one, mask=mask.copy()),)))
+    assert again.views[0].evidence is masked
     # Only the last views are kept.
     assert builder.build(PosedViews((one,))).views[0].evidence is not first[0].evidence

@@ -60,6 +60,20 @@ def test_a_picture_of_another_pinhole_is_resampled_to_that_of_the_first():
     assert cv2.absdiff(found.picture, given.views[0].picture).max() > 0.1
 
 
+def test_masks_go_with_the_pictures():
+    given, mask = views(), np.ones((30, 40), bool)
+    mask[20:, 5:15] = False
+    masked = PosedViews((given.views[0], replace(given.views[1], mask=mask), given.views[2]))
+    messages = posed_views_to_messages(masked)
+    assert messages.views.encoding == 'rgba16'
+    found = posed_views_from(*messages).views
+    assert [each.mask is None for each in found] == [True, False, True]
+    np.testing.assert_array_equal(found[1].mask, mask)
+    plain = posed_views_from(*posed_views_to_messages(given)).views
+    for one, other in zip(found, plain, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+
+
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda m: m._replace(poses=type(m.poses)(header=m.poses.header, poses=[])),
      'poses holds no pose'),

@@ -68,6 +68,10 @@ class Reduction:
         return np.asarray(cv2.resize(picture[:height * n, :width * n], (width, height),
                                      interpolation=cv2.INTER_AREA))
 
+    def shrunk_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(height, width): the squares of which all pixels are True."""
+        return np.asarray(self.shrunk(mask.astype(np.float32)) >= 1)
+
     def check_memory(self, rows: int, columns: int, height: int, width: int) -> None:
         """Raise LightFieldError if views of this number and size, shrunk, exceed `MOST_BYTES`."""
         size = rows * columns * (height // self.shrink) * (width // self.shrink) * 3 * 4

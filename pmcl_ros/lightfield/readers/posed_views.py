@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
@@ -67,6 +68,14 @@ class ViewCamera(CameraEntry):
         return self.lens_of(self.width, self.height)
 
 
+class MaskedCamera(ViewCamera):
+    """A camera, and where its pictures do not show the scene."""
+
+    mask: str = Field('', description='picture of its size, relative to views.yaml: black where '
+                      'all pictures show what moves with the camera, as a gripper, or burnt-in '
+                      'text, which is no evidence')
+
+
 class ViewEntry(Settings):
     """One picture and the pose of its camera."""
 
@@ -120,7 +129,7 @@ def has_views(path: Path) -> bool:
 class ViewsFile(Settings):
     """views.yaml: cameras, views, and the frame of their poses."""
 
-    cameras: dict[str, ViewCamera] = Field({}, description='by name')
+    cameras: dict[str, MaskedCamera] = Field({}, description='by name')
     views: list[ViewEntry] = Field(description='in any order')
     reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
     bits: Bits = 16
@@ -254,8 +263,12 @@ def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
 
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
     path = folder / entry.file
-    seen = (centre_view(read_npz(path, Header(), reduction)) if entry.is_light_field
-            else _picture(path, entry.camera, of.cameras[entry.camera], of.bits, reduction))
+    camera, mask = None if entry.is_light_field else of.cameras[entry.camera], None
+    if camera is None:
+        seen = centre_view(read_npz(path, Header(), reduction))
+    else:
+        seen = _picture(path, entry.camera, camera, of.bits, reduction)
+        mask = _mask(folder / camera.mask, camera, reduction) if camera.mask else None
     try:
         stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
                     else round(1e9 * entry.stamp))
@@ -263,7 +276,7 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
             seen, header=Header(stamp_ns, of.reference),
             camera_to_reference=np.array(entry.camera_to_reference).reshape(4, 4),
             sigma=(1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))),
-            group=entry.group, common=entry.common, name=entry.file)
+            group=entry.group, common=entry.common, name=entry.file, mask=mask)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
 
@@ -278,6 +291,19 @@ def _another_size(camera: ViewCamera, width: int, height: int) -> str:
     fit = camera.pinhole.resized(width, height)
     return (f'if the whole picture was resized, its calibration is fx {fit.fx:g}, fy {fit.fy:g}, '
             f'cx {fit.cx:g}, cy {fit.cy:g}')
+
+
+def _mask(path: Path, camera: ViewCamera, reduction: Reduction) -> NDArray[np.bool_]:
+    """(height, width) where a file is not black, as `_picture` shows it."""
+    shown = np.asarray(read_picture(path).any(axis=2))
+    height, width = shown.shape
+    if (width, height) != (camera.width, camera.height):
+        raise LightFieldError(f'{path}: the mask has {width}x{height} px, its camera '
+                              f'{camera.width}x{camera.height}')
+    if not shown.any():
+        raise LightFieldError(f'{path}: the mask is black everywhere, so that no picture would '
+                              'count: it is white where pictures show the scene')
+    return reduction.shrunk_mask(camera.lens.undistorted_mask(shown, camera.pinhole))
 
 
 def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Reduction

@@ -17,6 +17,7 @@ DistortionModel = Literal['plumb_bob', 'rational_polynomial', 'equidistant']
 _COUNTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14), 'equidistant': (0, 4)}
 _COARSE = 64  # px: directions that are tried, across and down
 _KEPT = 0.75  # of a picture, without its distortion: less than lenses of 60 degrees leave
+_HALF = 0.5  # of a pixel
 _SIGMA = 1.0  # px: smooths pixel noise, which motion does not blur
 _RIGID = 1e-4  # tolerance of orthogonality: poses in messages are rounded
 
@@ -92,7 +93,7 @@ class Lens:
         return np.asarray(areas[inside[:-1, :-1]], np.float64)
 
     def undistorted(self, picture: NDArray[np.float32], wanted: Pinhole) -> NDArray[np.float32]:
-        """The picture (height, width, 3), 0 to 1, that a pinhole at its place sees.
+        """The picture (height, width[, 3]), 0 to 1, that a pinhole at its place sees.
 
         Pixels that the camera did not see repeat the border.
         """
@@ -102,6 +103,10 @@ class Lens:
         seen = np.asarray(cv2.remap(picture, x, y, cv2.INTER_CUBIC,
                                     borderMode=cv2.BORDER_REPLICATE), np.float32)
         return np.clip(seen, 0, 1, out=seen)
+
+    def undistorted_mask(self, mask: NDArray[np.bool_], wanted: Pinhole) -> NDArray[np.bool_]:
+        """A mask (height, width) of such a picture, as `undistorted`."""
+        return np.asarray(self.undistorted(mask.astype(np.float32), wanted) >= _HALF)
 
 
 @lru_cache  # camera_info comes with each picture, of some cameras with other numbers each time

@@ -12,7 +12,7 @@ from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
-from pmcl_ros.pmcl.multi_view.other_objects import not_hidden
+from pmcl_ros.pmcl.multi_view.other_objects import not_hidden, not_masked
 from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.render.back_end import ContourScore
@@ -111,6 +111,8 @@ class JointContours:
         cameras = joint.errors.moved(joint.cameras, nuisances[:-1])
         seen = [score.points(np.linalg.inv(camera) @ pose)
                 for score, camera in zip(self.scores, cameras, strict=True)]
+        seen = [points if masked is None else not_masked(points, masked)
+                for points, masked in zip(seen, joint.masked, strict=True)]
         if joint.fronts:
             seen = [not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
         return [ViewContour(displaced(points, edges, view.profile, off) if off else points, edges,
@@ -119,8 +121,9 @@ class JointContours:
                     seen, joint.views, self.levels[level], cameras, strict=True)]
 
     def share(self, pose: NDArray[np.float64]) -> float:
-        """Of the contour of a pose (4, 4) in all views, that is not hidden by other objects."""
-        if not self.joint.fronts:
+        """Of the contour of a pose (4, 4) in all views, that neither other objects nor masks hide.
+        """
+        if not self.joint.fronts and all(each is None for each in self.joint.masked):
             return 1.0
         whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
                     for score, camera in zip(self.scores, self.joint.cameras, strict=True))

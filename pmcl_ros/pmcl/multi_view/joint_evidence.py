@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
@@ -37,7 +38,8 @@ class JointEvidence:
     that holds the region of interest. box: (4, 4) from that frame into that of the region of
     interest, and half its size (3,) [m]. numbers: of the views, among all. constraint: (n,) which
     of poses (n, 4, 4) are feasible besides. fronts: in each view (height, width) depth of other
-    objects, which may hide this one; 0 for none [m].
+    objects, which may hide this one; 0 for none [m]. masked: in each view (height, width) whether
+    its mask leaves the pixel out; None: it has none.
     """
 
     model: ObjectModel
@@ -49,6 +51,7 @@ class JointEvidence:
     numbers: tuple[int, ...]
     constraint: Feasible | None = None
     fronts: tuple[NDArray[np.float32], ...] = ()
+    masked: tuple[NDArray[np.bool_] | None, ...] = ()
 
     @classmethod
     def from_views(cls, evidence: ViewsEvidence, renderer: Renderer, model: ObjectModel,
@@ -79,7 +82,9 @@ class JointEvidence:
                    None if others is None else lambda poses: others.feasible(first @ poses),
                    () if others is None else tuple(
                        others.depths(renderer, each, view.camera_to_reference)
-                       for each, view in zip(views, posed, strict=True)))
+                       for each, view in zip(views, posed, strict=True)),
+                   tuple(_masked(each.edges, view.view)
+                         for each, view in zip(views, posed, strict=True)))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are in the region, turned as the object can be."""
@@ -142,6 +147,16 @@ class JointEvidence:
         """(n,) standard deviation with which each camera sees the region off [px]."""
         return self.errors.pixels([each.edges.pinhole for each in self.views],
                                   [each.region.center[2] for each in self.views])
+
+
+def _masked(edges: EvidenceVolume, view: PosedView | None) -> NDArray[np.bool_] | None:
+    """(height, width) where `build_map` has left out what a view's mask does; None: it has none.
+
+    The map says nothing at all there, in any part of the picture and at any size of its pixels.
+    """
+    if view is None or view.mask is None:
+        return None
+    return np.asarray(~edges.tensor.any(axis=(2, 3)))
 
 
 def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings

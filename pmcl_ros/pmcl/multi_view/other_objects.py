@@ -49,3 +49,11 @@ def not_hidden(points: ContourPoints, front: NDArray[np.float32]) -> ContourPoin
     if float(points.lengths[hidden] @ points.evidence[hidden]) >= 0:
         return points
     return weighted(points, np.where(hidden, 0.0, 1.0))
+
+
+def not_masked(points: ContourPoints, masked: NDArray[np.bool_]) -> ContourPoints:
+    """A contour without its part where pixels (height, width) are masked, as if out of view."""
+    height, width = masked.shape
+    column, row = np.rint(points.pixels.T).astype(int)
+    return weighted(points, np.where(
+        masked[row.clip(0, height - 1), column.clip(0, width - 1)], 0.0, 1.0))

@@ -365,3 +365,36 @@ def test_a_distortion_that_leaves_little_of_the_picture_is_told(tmp_path, caplog
     changed(folder, **camera(distortion=list(distortion), fx=0.6 * VALUES.shape[1]))
     read_source(folder)
     assert ("camera 'wrist': without its distortion" in caplog.text) is told
+
+
+DISTORTED = {'model': 'plumb_bob', 'distortion': [-0.2, 0.03, 0.001, -0.002]}
+
+
+@pytest.mark.parametrize('camera', [{}, DISTORTED], ids=['pinhole', 'distorted'])
+def test_a_mask_leaves_out_the_pixels_of_its_black_ones(tmp_path, camera):
+    """The picture is bright where the mask is black: what is left of the picture is dark."""
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[HEIGHT // 2:, 10:30] = 0
+    bright = np.where(mask, 0, 255).astype(np.uint8)
+    folder = write(tmp_path, bright, mask='gripper.png', **camera)
+    cv2.imwrite(str(folder / 'gripper.png'), mask)
+    view = read_source(folder)
+    assert view.mask.shape == view.picture.shape[:2]
+    assert view.picture[view.mask].max() <= 0.6
+    assert (~view.mask).mean() == pytest.approx((mask == 0).mean(), rel=0.25)
+    assert write(tmp_path, mask) == folder
+    assert read_source(folder).mask is None
+
+
+@pytest.mark.parametrize(('mask', 'message'), [
+    (None, 'there is no .*gripper.png'),
+    (np.zeros((HEIGHT, WIDTH), np.uint8), 'gripper.png: the mask is black everywhere'),
+    (np.ones((HEIGHT, WIDTH + 1), np.uint8), 'gripper.png: the mask has 61x44 px, .* 60x44'),
+])
+def test_an_impossible_mask_is_refused_in_one_line(tmp_path, mask, message):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8), mask='gripper.png')
+    if mask is not None:
+        cv2.imwrite(str(folder / 'gripper.png'), mask)
+    with pytest.raises(LightFieldError, match=message) as caught:
+        read_source(folder)
+    assert '\n' not in str(caught.value)
