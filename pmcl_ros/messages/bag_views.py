@@ -13,7 +13,7 @@ from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.geometry.transform_tree import TransformTree
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.pictures import full_range
+from pmcl_ros.lightfield.readers.pictures import full_range, read_mask
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings, check_mounted
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
@@ -29,6 +29,7 @@ from pmcl_ros.runtime.errors import (
     PmclError,
     PoseUnavailableError,
 )
+from pmcl_ros.runtime.resources import resolve
 
 _LOG = logging.getLogger(__name__)
 _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
@@ -85,7 +86,8 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
     try:
         frame, poses, posed = (_tf(bag, settings) if pose == _TF
                                else _stamped(bag, pose, settings))
-        collection = ViewCollection(settings, frame)
+        mask = read_mask(resolve(settings.mask, 'mask')) if settings.mask else None
+        collection = ViewCollection(settings, frame, mask=mask)
         taken = _collect(bag, image, info, poses, collection, settings)
         if not collection.frames:
             _check_clocks(taken, posed)

@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.pictures import read_mask
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
@@ -65,7 +66,7 @@ class SweepDriver(StageNode):
     _lenses: dict[int, Lens | None]  # of the last ones, by stamp; None: it was refused
 
     def set_up(self, settings: SweepDriverSettings) -> None:
-        """Read the plan, if one is followed: where collect is plan, or grid with a plan."""
+        """Read the mask, and the plan: where collect is plan, or grid with a plan."""
         self._middle = self._planned = None
         if settings.collect == 'plan':
             if not settings.plan:
@@ -80,6 +81,7 @@ class SweepDriver(StageNode):
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})
             self._middle = plan.middle
+        self._mask = read_mask(resolve(settings.mask, 'mask')) if settings.mask else None
         self._settings = settings
         self._collection = self._new_collection()
         self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
@@ -124,7 +126,8 @@ class SweepDriver(StageNode):
     def _new_collection(self) -> Collection | ViewCollection:
         if self._settings.collect == 'grid':
             return Collection(self._settings, self._middle)
-        return ViewCollection(self._settings, self._settings.fixed_frame, self._planned)
+        return ViewCollection(self._settings, self._settings.fixed_frame, self._planned,
+                              self._mask)
 
     # in
 

@@ -16,7 +16,7 @@ from pmcl_ros.geometry.se3 import interpolate, transform
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep import view_collection
 from pmcl_ros.messages.bag_captures import read_bag
-from pmcl_ros.messages.bag_views import BagViews
+from pmcl_ros.messages.bag_views import BagViews, read_views
 from pmcl_ros.messages.bags import Recorded, is_bag, record
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.cdr import cdr_from, type_name, typestore
@@ -303,3 +303,15 @@ def test_what_is_missing_or_wrong_is_told_in_one_line(tmp_path, parts, wanted, r
     with pytest.raises(BagError, match=reason) as caught:
         read_bag(bag_of(tmp_path, *parts), wanted)
     assert '\n' not in str(caught.value)
+
+
+def test_the_mask_of_a_camera_is_that_of_its_views(tmp_path):
+    bag = bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses())
+    height, width = read_views(bag, BagViews()).views[0].picture.shape[:2]
+    mask = np.full((height, width), 255, np.uint8)
+    mask[height // 2:, 5:15] = 0
+    cv2.imwrite(str(tmp_path / 'gripper.png'), mask)
+    for view in read_views(bag, BagViews(mask=str(tmp_path / 'gripper.png'))).views:
+        np.testing.assert_array_equal(view.mask, mask > 0)
+    with pytest.raises(BagError, match=r"parameter 'mask': there is no .*none\.png"):
+        read_views(bag, BagViews(mask=str(tmp_path / 'none.png')))

@@ -35,6 +35,7 @@ from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from
 from pmcl_ros.messages.pose import pose_from, pose_to_message
+from pmcl_ros.messages.posed_views import mosaic_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.nodes.sweep_driver import SweepDriver
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -302,6 +303,24 @@ def test_a_collection_has_nothing_of_the_one_before_it(tmp_path, user, frames):
     assert [each.header.stamp.sec for each in views] == [frames[2].stamp_ns // SECOND] * 2
 
 
+def test_what_a_mask_leaves_out_is_transparent_in_the_posed_views(tmp_path, user, frames):
+    mask = np.full(frames[0].image.shape[:2], 255, np.uint8)
+    mask[mask.shape[0] // 2:, 10:30] = 0
+    cv2.imwrite(str(tmp_path / 'gripper.png'), mask)
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'mask': str(tmp_path / 'gripper.png')}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot, views = Robot(user), user.listen(Image, 'posed_views', BIG)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        assert robot.ask('take').success
+        robot.shoot(frames[0])
+        user.wait(lambda: views, 'the view')
+    assert views[0].encoding == 'rgba16'
+    alpha = mosaic_from(views[0])[..., 3]
+    np.testing.assert_array_equal(alpha, np.where(mask, 65535, 0))
+
+
 def test_a_picture_has_the_camera_info_of_its_stamp_or_the_last_one_before_it(tmp_path, user,
                                                                               frames):
     """Whichever came when; with a hundred others of another zoom between them."""
@@ -403,10 +422,13 @@ def test_compressed_pictures_are_taken_from_the_topic_beside_a_remapped_one(tmp_
 
 
 def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
-    plan = tmp_path / 'plan.yaml'
+    plan, black = tmp_path / 'plan.yaml', tmp_path / 'black.png'
+    cv2.imwrite(str(black), np.zeros((48, 64), np.uint8))
     SweepPlan.from_grid(2, 2, 0.01, BASE, 'base_link').save(plan)
     wrong = [({'near': 2.0}, {'near': 0.3}, 'near 2.0 m must be smaller'),
              ({'plan': '/nowhere.yaml'}, {'plan': ''}, 'there is no /nowhere.yaml'),
+             ({'mask': '/nowhere.png'}, {'mask': ''}, 'there is no /nowhere.png'),
+             ({'mask': str(black)}, {'mask': ''}, 'the mask is black everywhere'),
              ({'plan': str(plan), 'fixed_frame': 'map'}, {'fixed_frame': 'base_link'},
               "is in frame 'base_link', the poses are in fixed_frame 'map'")]
     if find_spec('tf2_ros') is None:

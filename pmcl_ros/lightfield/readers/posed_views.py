@@ -22,6 +22,7 @@ from pmcl_ros.lightfield.readers.pictures import (
     Bits,
     Reduction,
     picture_size,
+    read_mask,
     read_picture,
 )
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
@@ -295,14 +296,11 @@ def _another_size(camera: ViewCamera, width: int, height: int) -> str:
 
 def _mask(path: Path, camera: ViewCamera, reduction: Reduction) -> NDArray[np.bool_]:
     """(height, width) where a file is not black, as `_picture` shows it."""
-    shown = np.asarray(read_picture(path).any(axis=2))
+    shown = read_mask(path)
     height, width = shown.shape
     if (width, height) != (camera.width, camera.height):
         raise LightFieldError(f'{path}: the mask has {width}x{height} px, its camera '
                               f'{camera.width}x{camera.height}')
-    if not shown.any():
-        raise LightFieldError(f'{path}: the mask is black everywhere, so that no picture would '
-                              'count: it is white where pictures show the scene')
     return reduction.shrunk_mask(camera.lens.undistorted_mask(shown, camera.pinhole))
 
 

@@ -65,6 +65,9 @@ class ViewSettings(SweepSettings):
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
                             'this number of views; where drift is set the oldest goes instead')
+    mask: str = Field('', description='posed views: path of a picture of the size of the images, '
+                      'black where they show what moves with the camera, as a gripper; empty: '
+                      'nowhere')
     sigma_position: SigmaPosition = 0.001
     sigma_rotation: SigmaRotation = 0.0035
     common: Common = 0.5

@@ -40,12 +40,15 @@ class ViewCollection(Frames):
 
     All have the pinhole of the first frame; those of other cameras are resampled to it.
     frame: of the poses. planned: (n, 4, 4) where views are wanted, one at each; None: anywhere.
+    mask: (height, width) of the images, False where they show what moves with the camera.
     Raises SettingsError for planned poses that are nearer to each other than views may be.
     """
 
     def __init__(self, settings: ViewSettings, frame: str,
-                 planned: NDArray[np.float64] | None = None) -> None:
+                 planned: NDArray[np.float64] | None = None,
+                 mask: NDArray[np.bool_] | None = None) -> None:
         super().__init__()
+        self._mask = mask
         self._settings, self._frame, self._planned = settings, frame, planned
         self._spots: list[int] = []  # the planned pose of each view
         if planned is not None:
@@ -87,8 +90,14 @@ class ViewCollection(Frames):
     def add(self, frame: SweepFrame) -> bool:
         """Add a frame; returns whether it is kept. Dropped frames go to `left_out`.
 
-        Raises LightFieldError when the memory is full.
+        Raises LightFieldError when the memory is full, or the mask is of another size.
         """
+        if self._mask is not None and self._mask.shape != frame.image.shape[:2]:
+            height, width = self._mask.shape
+            self.leave_out(frame.name, 'the mask is of another size')
+            raise LightFieldError(
+                f'{frame.name} has {frame.image.shape[1]}x{frame.image.shape[0]} px, the mask '
+                f'{width}x{height}: give a mask of the size of the images')
         reason = moves(frame, self._settings)
         if reason:
             self.leave_out(frame.name, reason, moved=frame.speed < FASTEST)
@@ -172,7 +181,11 @@ class ViewCollection(Frames):
     def _view(self, frame: SweepFrame) -> PosedView:
         if self._pinhole is None:
             self._pinhole = frame.lens.pinhole
-        return posed_view(frame, self._pinhole, self._settings, self._frame, _GROUP)
+        view = posed_view(frame, self._pinhole, self._settings, self._frame, _GROUP)
+        if self._mask is None:
+            return view
+        mask = frame.lens.undistorted_mask(self._mask, self._pinhole)
+        return replace(view, mask=Reduction(1, self._settings.shrink).shrunk_mask(mask))
 
 
 def posed_view(frame: SweepFrame, pinhole: Pinhole, settings: ViewSettings | FixedCameraSettings,

@@ -175,3 +175,25 @@ def test_a_camera_that_rests_for_long_does_not_fill_the_memory():
     assert len(made.left_out) <= 1000
     assert made.left_out[-1].name == '2999'
     assert made.assemble().describe().startswith('1 posed views in base; left out: ')
+
+
+def test_a_mask_is_that_of_each_view_as_its_lens_shows_it():
+    """The image is bright where the mask leaves it out: what is left is dark."""
+    mask = np.ones((48, 64), bool)
+    mask[30:, 10:40] = False
+    image = np.repeat(np.where(mask, 0, 255)[..., None], 3, axis=2).astype(np.uint8)
+    made = ViewCollection(ViewSettings(near=0.3, apart=0.03), 'base', mask=mask)
+    assert made.add(frame('first', image=image))
+    assert made.add(frame('bent', 0.1, image=image, lens=Lens(PINHOLE, (-0.3, 0.1, 0.0, 0.0))))
+    first, bent = made.assemble().source.views
+    np.testing.assert_array_equal(first.mask, mask)
+    assert (bent.mask != mask).any()
+    assert bent.picture[bent.mask].max() < 0.6
+    assert bent.picture[~bent.mask].min() > 0.4
+    shrunk = ViewCollection(ViewSettings(near=0.3, shrink=2), 'base', mask=mask)
+    shrunk.add(frame('first', image=image))
+    assert shrunk.assemble().source.views[0].mask.shape == (24, 32)
+    small = Lens(PINHOLE.resized(32, 24))
+    with pytest.raises(LightFieldError, match='small has 32x24 px, the mask 64x48: give a mask'):
+        made.add(frame('small', 0.2, image=image[::2, ::2], lens=small))
+    assert made.left_out[-1].name == 'small'
