@@ -128,7 +128,6 @@ class PictureQueue:
     def done(self, picture: Picture) -> None:
         """Mark a picture as published, or as impossible to publish."""
         self._done.add(picture.id)
-        del self._failed[picture.id]
 
     def failed(self, picture: Picture) -> bool:
         """Count a download that is no picture; True after three: it is given up."""

@@ -222,9 +222,7 @@ class Arrivals:
         """
         with self.changed:
             first, known = self._pictures is None, self._pictures or {}
-            if all_complete or not self._connected:
-                self._gap = True
-            everything = first or self._gap
+            everything = first or all_complete or self._gap
             pictures: dict[str, Picture] = {}
             for record in reversed(records):
                 if record.id in known:

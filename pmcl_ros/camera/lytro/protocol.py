@@ -92,7 +92,7 @@ class Header:
         if len(data) != HEADER_LENGTH:
             raise ProtocolError(f'a header has {HEADER_LENGTH} bytes, got {len(data)}')
         magic, length, flags, group, sub, parameters = _HEADER.unpack(data)
-        if magic != MAGIC or group > 255:
+        if magic != MAGIC:
             raise ProtocolError(f'no header of a message begins with {data[:16].hex(" ")}')
         return cls(group << 8 | sub, length, flags, parameters)
 

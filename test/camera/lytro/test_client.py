@@ -177,6 +177,14 @@ def test_a_camera_that_comes_back(captures):
             assert client.fetch(client.capture())[0] == captures[1][0]
 
 
+def test_a_picture_is_taken_though_the_connection_had_died_unnoticed(captures):
+    with ExitStack() as stack:
+        with serving(captures[0]) as address:
+            client = stack.enter_context(LytroClient(address, QUICK))
+        stack.enter_context(serving(captures[0], at=address))
+        assert client.fetch(client.capture())[0] == captures[1][0]
+
+
 def test_the_camera_is_kept_awake(captures, caplog):
     caplog.set_level(logging.DEBUG, 'pmcl_ros.camera.simulated.server')
     settings = QUICK.model_copy(update={'keep_alive': 0.1})

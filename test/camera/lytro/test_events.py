@@ -112,7 +112,7 @@ def test_a_lost_connection_is_made_again(camera, listener, end):
 
 def test_silence_is_a_lost_connection(camera):
     heard = queue.Queue()
-    settings = SETTINGS.model_copy(update={'watchdog': 0.2})
+    settings = SETTINGS.model_copy(update={'watchdog': 0.2, 'timeout': 600})
     listener = CallbackListener(camera.address, settings, heard.put, heard.put)
     with camera.accept(), camera.accept():
         assert [heard.get(timeout=60) for _ in range(3)] == [True, False, True]
@@ -202,6 +202,32 @@ def test_a_button_long_after_a_command_without_a_picture_is_not_its_shutter(arri
     assert (shot.picture, shot.stamp_ns) == (None, now - 20 * SECOND)
 
 
+def test_a_button_soon_after_a_command_is_of_another_picture(arrivals, now):
+    arrivals.commanded(now)
+    stamps = [now + SECOND // 10, now + 2 * SECOND]
+    for each in stamps:
+        arrivals.pressed(each)
+    pictures = [record(2, stamps[0]), record(3, stamps[1])]
+    for each in pictures:
+        arrivals.announced(each.id)
+    assert [each.shutter_ns for each in arrivals.listed(pictures[::-1])] == stamps
+
+
+def test_a_shot_is_of_the_picture_that_is_announced_whatever_the_cameras_date(arrivals, now):
+    shot = arrivals.commanded(now)
+    new = record(2, now - 30 * SECOND)  # its clock was set meanwhile
+    arrivals.announced(new.id)
+    assert arrivals.listed([new]) == [shot.picture] == [Picture(new.id, now)]
+
+
+def test_a_shot_that_brought_no_picture_for_a_minute_is_of_none(arrivals, now):
+    shot = arrivals.commanded(now - 61 * SECOND)
+    new = PictureRecord(100, 2, 'sha1-x', 'no date')
+    arrivals.announced(new.id)
+    assert arrivals.listed([new]) == [Picture(new.id, 0)]
+    assert shot.picture is None
+
+
 def test_a_shutter_is_of_one_picture(arrivals, now):
     first, second = record(2, now), record(3, now + 3 * SECOND)  # its callback was lost
     arrivals.pressed(now)
@@ -221,6 +247,13 @@ def test_a_shot_without_a_picture_is_given_up(arrivals, now):
     arrivals.announced(new.id)
     (picture,) = arrivals.listed([new])
     assert picture.shutter_ns == now
+
+
+def test_after_a_gap_a_picture_of_another_time_is_not_that_of_the_shot(arrivals, now):
+    shot = arrivals.commanded(now - 20 * SECOND)
+    (picture,) = arrivals.listed([record(2, now - 10 * SECOND)], all_complete=True)
+    assert picture.shutter_ns == pytest.approx(now - 10 * SECOND, rel=0, abs=2000)
+    assert shot.picture is None
 
 
 @pytest.mark.parametrize('ahead', [0, 3600 * SECOND, -86400 * SECOND])

@@ -65,7 +65,10 @@ def test_a_reply_in_single_bytes():
             time.sleep(0.001)
 
     with camera(answer) as address:
-        assert Link(address, SURE).ask(protocol.BATTERY) == bytes.fromhex('0000AF42')
+        link = Link(address, SURE)
+        before = link.last_exchange
+        assert link.ask(protocol.BATTERY) == bytes.fromhex('0000AF42')
+        assert link.last_exchange > before
 
 
 @settings(deadline=None, max_examples=30)
@@ -312,6 +315,16 @@ def test_a_long_reply_may_take_longer_than_a_short_one():
         assert link.made == 1
 
 
+def test_silence_in_a_long_reply_ends_it_as_in_a_short_one():
+    def answer(connected, request):
+        connected.sendall(reply(request, bytes(CHUNK))[:99])
+
+    began = time.monotonic()
+    with camera(answer) as address, pytest.raises(LinkError, match='timed out'):
+        Link(address, QUICK).ask_once(protocol.download(0, CHUNK))
+    assert time.monotonic() - began < 60  # at the slowest pace it would take 210 s
+
+
 def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
     with buffer_lock(('10.0.0.1', 5678), 1, threading.Event()):
         with (pytest.raises(CameraError, match=r'from the camera at 10\.0\.0\.1 for 0 s'),
@@ -327,6 +340,23 @@ def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
                 pass
     with buffer_lock(('10.0.0.1', 5678), 0, closed):
         pass
+
+
+def test_a_buffer_is_waited_for_as_long_as_another_program_may_take_for_a_picture():
+    def answer(connected, request):
+        payload = struct.pack('<I', 4) if request[12] == 0xC6 else b'list'
+        connected.sendall(reply(request, b'' if request[12] == 0xC2 else payload))
+
+    with camera(answer) as address:
+        link, came = Link(address, LinkSettings(timeout=20, patience=0.2)), []
+        thread = threading.Thread(target=lambda: came.append(
+            link.load(protocol.LOAD_PICTURE_LIST, 'the list')))
+        with buffer_lock((address.host, address.port), 1, threading.Event()):
+            thread.start()
+            time.sleep(1)
+            assert not came
+        thread.join()
+        assert came == [b'list']
 
 
 def test_a_connection_that_was_reset_is_made_anew():

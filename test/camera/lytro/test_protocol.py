@@ -157,6 +157,7 @@ def test_what_a_record_says():
     assert RECORD.name == 'IMG_0007'
     assert PictureRecord(101, 1234, ID, '').path('TXT') == r'I:\DCIM\101PHOTO\IMG_1234.TXT'
     assert RECORD.taken == datetime(2014, 5, 14, 15, 32, 40, tzinfo=timezone.utc)
+    assert PictureRecord(100, 1, ID, RECORD.date.removesuffix('Z')).taken == RECORD.taken
     assert PictureRecord(100, 1, ID, 'yesterday').taken is None
 
 
@@ -165,6 +166,21 @@ def test_names_that_are_no_part_of_a_path_are_refused(name):
     header, record = by_hand()
     with pytest.raises(ProtocolError, match='picture list holds'):
         protocol.decode_picture_list(header + record[:8] + name.ljust(8, b'\0') + record[16:])
+
+
+@pytest.mark.parametrize(('place', 'value'), [
+    (0x10, struct.pack('<i', -1)), (0x14, struct.pack('<i', -1)), (0x30, bytes(48))],
+    ids=['folder', 'number', 'id'])
+def test_a_record_of_no_picture_is_refused(place, value):
+    header, record = by_hand()
+    with pytest.raises(ProtocolError, match='impossible record'):
+        protocol.decode_picture_list(
+            header + record[:place] + value + record[place + len(value):])
+
+
+def test_a_serial_number_that_is_no_line_of_text_is_refused():
+    with pytest.raises(ProtocolError, match='hardware info holds'):
+        HardwareInfo.decode(HardwareInfo('Lytro', 'A1\n', '', '').encode())
 
 
 def test_hardware_info():
@@ -182,7 +198,8 @@ def test_time_battery_and_length():
     data = struct.pack('<7H', 2014, 5, 14, 15, 32, 40, 123)
     assert protocol.encode_time(moment.astimezone(timezone(timedelta(hours=5)))) == data
     assert protocol.decode_time(data) == moment
-    assert protocol.decode_battery(bytes.fromhex('0000AF42')) == 87.5
+    assert [protocol.decode_battery(struct.pack('<f', each)) for each in (87.5, 100.5, -0.5)] == [
+        87.5, 100, 0]
     assert protocol.decode_length(bytes.fromhex('84020000')) == 644
     for impossible in (data[:-1], struct.pack('<7H', 2014, 13, 1, 0, 0, 0, 0),
                        struct.pack('<7H', 2014, 1, 1, 0, 0, 0, 5000)):
@@ -203,7 +220,8 @@ def test_the_table_of_the_calibration_is_as_in_the_document():
     data = b''.join([struct.pack('<I32s', 3, b'A.TXT'), struct.pack('<I32s', 2, b'B.RAW'),
                      b'abcde'])
     assert protocol.decode_files(data) == {'A.TXT': b'abc', 'B.RAW': b'de'}
-    for wrong in (data[:-1], data + b'x', data[:40]):
+    endless = bytes(36 * 4097)  # empty files without a name
+    for wrong in (data[:-1], data + b'x', data[:40], endless):
         with pytest.raises(ProtocolError):
             protocol.decode_files(wrong)
 
