@@ -254,7 +254,7 @@ class StageNode(LifecycleNode):
     def _configure(self) -> None:
         settings = self._described.read()
         self.get_logger().info(f'configured with {settings!r}')
-        self.health = Health(back_end=self.health.back_end, message='configuring')
+        self.health = Health(message='configuring')
         with self._diagnostics_publisher(), kernels.reporting(self._report_compiling):
             self.publish_diagnostics()
             self.set_up(settings)

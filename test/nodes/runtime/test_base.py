@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from harness import ACTIVATE, CONFIGURE
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from pydantic import Field
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -43,7 +46,7 @@ class Probe(StageNode):
         self.wrong = {}
 
     def set_up(self, settings):
-        self.publisher(String, 'out', LATCHED)
+        self.out = self.publisher(String, 'out', LATCHED)
         for each in ('file', 'context'):
             self.notes.append(f'open {each}')
             self.configured.callback(self.release, each)
@@ -92,9 +95,13 @@ def probe(context):
 def test_life_without_mistakes(probe):
     assert probe.trigger_configure() == Result.SUCCESS
     assert probe.settings.size == 1.0
+    assert not probe.out.is_activated
     assert probe.trigger_activate() == Result.SUCCESS
+    assert probe.out.is_activated
     assert probe.trigger_deactivate() == Result.SUCCESS
+    assert not probe.out.is_activated
     assert probe.trigger_cleanup() == Result.SUCCESS
+    assert '/out' not in [each.topic_name for each in probe.publishers]
     assert probe.notes == ['open file', 'open context', 'close stream', 'close context',
                            'close file']
 
@@ -126,6 +133,21 @@ def test_a_node_that_compiles_says_so_in_its_log_and_in_diagnostics(
                          status.message)
     assert int(found[1]) < int(found[2])
     assert status.message.removeprefix('configuring; ') in capfd.readouterr().err
+
+
+def test_each_activation_counts_anew_with_the_back_end_of_its_configuration(probe, capfd):
+    began = []
+    probe.set_up = lambda _: (began.append(probe.health.message),
+                              setattr(probe.health, 'back_end', 'numba'))
+    probe.trigger_configure()
+    assert began == ['configuring']
+    for _ in range(2):
+        probe.trigger_activate()
+        assert (probe.health.message, probe.health.frames_out) == ('active', 0)
+        assert probe.health.back_end == 'numba'
+        probe.done(0.25, 'found it')
+        assert 'found it, in 250 ms' in capfd.readouterr().err
+        probe.trigger_deactivate()
 
 
 def test_parameters_are_read_again_at_each_configure(probe):
@@ -196,6 +218,28 @@ def test_a_fault_in_release_does_not_stop_the_rest(probe, capfd):
     assert probe.trigger_configure() == Result.SUCCESS
 
 
+def test_a_fault_in_release_after_a_mistake_of_the_user_is_a_fault(probe):
+    probe.wrong = {'set_up': PmclError('no such mesh'), 'context': RuntimeError('stuck')}
+    assert probe.trigger_configure() == Result.ERROR
+    assert probe.notes[-2:] == ['close context', 'close file']
+
+
+def test_a_transition_is_asked_for_by_its_label_else_by_its_number(probe, user, context):
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(probe)
+    user.others.append(executor)
+
+    def changed(**wanted):
+        request = ChangeState.Request(transition=Transition(**wanted))
+        return user.call(ChangeState, '/probe/change_state', request).success
+
+    assert not changed(id=CONFIGURE, label='no such label')
+    assert not changed(id=99)
+    assert changed(label='configure')
+    assert changed(id=ACTIVATE)
+    executor.shutdown()
+
+
 @pytest.mark.parametrize('transitions', [[], ['configure'], ['configure', 'activate']])
 def test_shutdown_releases_from_every_state(probe, transitions):
     for each in transitions:
@@ -260,7 +304,47 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
     probe.wrong = {'call': PmclError('not now')}
     answer = call()
     assert (answer.success, answer.message) == (False, 'not now')
+    assert probe.health.errors == 3  # a refusal is the caller's matter
+    probe.wrong = {'call': IndexError('farther')}
+    answer = call()
+    assert (answer.success, answer.message) == (False, 'IndexError: farther')
+    assert probe.health.last_error == '~/call: IndexError: farther'
     executor.shutdown()
+
+
+def test_an_error_is_told_before_the_timer_is_due(probe, user):
+    """Nobody spins the node: its timer never is."""
+    statuses = []
+    user.node.create_subscription(DiagnosticArray, '/diagnostics', statuses.append, 100)
+    assert probe.trigger_configure() == probe.trigger_activate() == Result.SUCCESS
+
+    def told():  # a subscriber that is found late gets no earlier message
+        with probe.watched('in'):
+            raise PmclError('half a message')
+        return statuses and statuses[-1].status[0].level == DiagnosticStatus.ERROR
+
+    user.wait(told, 'the error')
+    assert statuses[-1].status[0].message == 'in: half a message'
+
+
+@pytest.mark.parametrize(('kind', 'text'), [
+    (PmclError, 'half a message'), (PmclError, 'in: half a message'),
+    (ValueError, 'half a message')])
+def test_an_error_that_repeats_is_logged_once_in_each_activation(probe, capfd, kind, text):
+    probe.trigger_configure()
+    for _ in range(2):
+        probe.trigger_activate()
+        for _ in range(100):
+            with probe.watched('in'):
+                raise kind(text)
+        assert probe.health.errors == 100
+        probe.trigger_deactivate()
+        log = capfd.readouterr().err
+        if kind is PmclError:
+            assert log.count('[probe]: in: half a message') == log.count('half a message') == 1
+        else:
+            assert log.count('in: unexpected error') == 1
+            assert log.count('ValueError: half a message') == 1
 
 
 def test_a_flood_of_bad_messages_is_counted_and_told_at_the_usual_period(probe, user, context):
