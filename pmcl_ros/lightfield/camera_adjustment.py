@@ -245,9 +245,13 @@ def _reduced(view: PosedView) -> tuple[NDArray[np.uint8], Pinhole]:
 
 
 def features_of(view: PosedView) -> Features:
-    """Those of a view's picture, at most `_FEATURES`."""
+    """Those of a view's picture, at most `_FEATURES`, none where its mask is False."""
     grey, pinhole = _reduced(view)
-    points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, None)
+    # What moves with the camera matches as if the camera were at rest.
+    mask = None if view.mask is None else cv2.resize(
+        view.mask.astype(np.uint8), (pinhole.width, pinhole.height),
+        interpolation=cv2.INTER_NEAREST)
+    points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, mask)
     if descriptors is None:
         return Features(np.zeros((0, 3)), np.zeros((0, 128), np.float32), pinhole.fx)
     rays = pinhole.rays(np.array([each.pt for each in points]))

@@ -53,6 +53,23 @@ def test_exact_poses_are_not_off():
     assert adjusted.before < 0.2
 
 
+def test_what_a_mask_leaves_out_is_no_surroundings():
+    """A gripper is at one place in all pictures, as if the cameras were at rest."""
+    gripper, seen = np.random.default_rng(0).random((100, 320, 3), np.float32), []
+    for each in views_of_planes(CAMERAS):
+        picture, mask = each.picture.copy(), np.ones(each.picture.shape[:2], bool)
+        picture[-100:], mask[-100:] = gripper, False
+        seen.append(replace(each, picture=picture, mask=mask))
+
+    def lowest(view):
+        return (view.pinhole.fy * features_of(view).rays[:, 1] + view.pinhole.cy).max()
+
+    for each in seen:
+        assert lowest(each) < each.pinhole.height - 100 < lowest(replace(each, mask=None)) - 50
+    assert not adjusted_by(seen).is_needed
+    assert max(pair.excess for pair in fits_of(seen, [CAMERAS])) < 1
+
+
 @pytest.mark.parametrize('seed', range(2))
 def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
     rng = np.random.default_rng(seed)

@@ -29,7 +29,7 @@ from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 _LOG = logging.getLogger(__name__)
 _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigma_mm and '
            'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
-_OF_MESH = 'check the size of the mesh, and whether it has holes'
+_OF_OBJECT = 'check the size of the mesh, whether it has holes, and whether the object moved'
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 _SAME = 1e-9  # m: poses that are equal
@@ -209,10 +209,10 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
         smaller = (f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
                    else '')
         _LOG.warning('lost with camera poses that are exact, found if they are off by more than '
-                     '%s: %s; %s%s', off, _ADVICE, _OF_MESH, smaller)
+                     '%s: %s; %s%s', off, _ADVICE, _OF_OBJECT, smaller)
         return None
     _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
-                 off, _ADVICE, _OF_MESH)
+                 off, _ADVICE, _OF_OBJECT)
     return _with_cameras(found, cameras), loose
 
 
