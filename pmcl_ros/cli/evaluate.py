@@ -39,7 +39,7 @@ from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import CameraError, SettingsError
 from pmcl_ros.runtime.outputs import Results
 
 _INTERRUPTED = 130  # exit status, as of a shell's command
@@ -189,6 +189,9 @@ def _camera(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
         return None
     if white is None:  # one picture, or a folder of which each picture takes what fits it
         white = captures / 'white'
+        if not white.exists():
+            raise CameraError(f'raw pictures need a white image: there is no {white}; give '
+                              'it by --white')
         there = list_pictures(white)
         white = there[0] if len(there) == 1 else white
     if calibration is None:

@@ -101,6 +101,9 @@ def test_each_raw_picture_takes_the_white_image_that_fits_it(camera_text, tmp_pa
     pmcl('evaluate', captures, '--only', 100, '--white', whites[600], *options,
          tmp_path / 'wrong', status=1)
     assert 'zoom step 100, the nearest white image' in caplog.text
+    (captures / 'white').rename(tmp_path / 'elsewhere')
+    refused = pmcl('evaluate', captures, *options, tmp_path / 'none', status=1)
+    assert f'there is no {captures / "white"}; give it by --white' in refused.stderr
 
 
 def test_a_folder_has_the_results_of_one_run_alone(captures, tmp_path):
