@@ -60,7 +60,7 @@ class FixedCameras(StageNode):
         else:
             raise SettingsError('camera_poses is empty, and tf2_ros cannot be imported (it is '
                                 'part of a full ROS, not on PyPI): set it, or camera_mounts '
-                                '(docs/howto/tracking.md)')
+                                '(docs/howto/fixed_cameras.md)')
         self._outputs = posed_view_outputs(self)
 
     def start(self) -> None:

@@ -46,7 +46,8 @@ _SHIPPED: dict[str, dict[str, Any]] = {
 # What starts the nodes that are no part of the chain.
 _ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/howto/grasping.md',
               SWEEP.name: 'a plan (--sweep, sweep:=): docs/howto/sweep.md',
-              FIXED.name: 'fixed cameras (--views fixed, views:=fixed): docs/howto/tracking.md'}
+              FIXED.name: 'fixed cameras (--views fixed, views:=fixed): '
+                          'docs/howto/fixed_cameras.md'}
 
 _REFERENCE = """\
 # Reference
