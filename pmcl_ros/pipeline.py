@@ -130,7 +130,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     return found
 
 
-def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView], float]:
+def apparent_size(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView], float]:
     """How large an object in the middle of the region of interest is in a picture [px]."""
     return lambda view: size_in_view(model.diameter, settings.roi_center, view.pinhole,
                                      view.camera_to_reference)
@@ -251,19 +251,17 @@ class Run(Generic[Estimate]):
 class Pipeline(Closing, Generic[Estimate]):
     """Finds an object, or several, in light fields or pictures; use and close it in one thread.
 
-    localizer: closed with this. near, far: depths that can hold a part of an object [m]. radius:
-    of the largest object [m].
-    settings: mode and kind of the evidence. changes: parameters of evidence and volume that differ
-    from `volume_settings`; origin: where they are from, for errors. model: whose region a volume
-    of posed views is made for.
+    localizer: closed with this. model: of the largest object. posed: whether it is looked for in
+    `PosedViews`.
+    settings: region, mode and kind of the evidence. changes: parameters of evidence and volume
+    that differ from `volume_settings`; origin: where they are from, for errors.
     """
 
-    def __init__(self, localizer: AnyLocalizer[Estimate], settings: PmclSettings, near: float,
-                 far: float, radius: float, changes: Mapping[str, Any] | None = None,
-                 origin: str = 'region of interest', model: ObjectModel | None = None) -> None:
-        self.localizer, self._model = localizer, model
-        self.mode, self._settings = settings.mode, settings
-        self.near, self.far, self._radius = near, far, radius
+    def __init__(self, localizer: AnyLocalizer[Estimate], model: ObjectModel,
+                 settings: PmclSettings, posed: bool, changes: Mapping[str, Any] | None,
+                 origin: str) -> None:
+        self.localizer, self._model, self._settings = localizer, model, settings
+        self._depths = depths_of(settings.roi_center, settings.roi_size, model.radius, posed)
         self._changes, self._origin = changes, origin
 
     @classmethod
@@ -271,9 +269,8 @@ class Pipeline(Closing, Generic[Estimate]):
                    changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
                    posed: bool = False) -> 'Pipeline[PoseEstimate]':
         """One object. posed: as of `make_localizer`. Raises RenderError, LocalizationError."""
-        localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings, posed)
-        near, far = depths_of(settings.roi_center, settings.roi_size, model.radius, posed)
-        return Pipeline(localizer, settings, near, far, model.radius, changes, origin, model)
+        return Pipeline(make_localizer(model, settings, posed), model, settings, posed, changes,
+                        origin)
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
@@ -281,10 +278,8 @@ class Pipeline(Closing, Generic[Estimate]):
                     posed: bool = False) -> 'Pipeline[SceneEstimate]':
         """Several objects together. posed: as of `make_localizer`. Raises as `SceneLocalizer`."""
         localizer = make_scene_localizer(models, settings, posed)
-        largest = max(models, key=lambda each: each.radius)
-        near, far = depths_of(settings.roi_center, settings.roi_size, largest.radius, posed)
-        return Pipeline(localizer, settings, near, far, largest.radius, changes, origin,
-                        largest if posed else None)
+        return Pipeline(localizer, max(models, key=lambda each: each.radius), settings, posed,
+                        changes, origin)
 
     def close(self) -> None:
         """Close the localizer."""
@@ -292,7 +287,8 @@ class Pipeline(Closing, Generic[Estimate]):
 
     def settings_for(self, grid: ViewGrid | None) -> DlvSettings:
         """The settings of evidence and volume for views of a grid; None: of a single picture."""
-        return volume_settings(self.mode, self.near, self.far, grid, self._changes, self._origin)
+        return volume_settings(self._settings.mode, *self._depths, grid, self._changes,
+                               self._origin)
 
     def run(self, read: Callable[[], Source], rng: np.random.Generator,
             progress: StageProgress = lambda *_: None, watch: Watch | None = None,
@@ -318,23 +314,22 @@ class Pipeline(Closing, Generic[Estimate]):
         progress('views', 0.0)
         source = read()
         # Is it in view at all? Evidence takes time and memory.
-        windows_of(source, self._settings, self._radius)
+        windows_of(source, self._settings, self._model.radius)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
-        source = binned_to_draw(source, settings, self._settings, self._radius)
+        source = binned_to_draw(source, settings, self._settings, self._model.radius)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
         finished('views')
         progress('evidence', 0.0)
-        evidence = build_evidence(
-            source, settings, self.mode, kind,
-            *(() if self._model is None else [size_in(self._model, self._settings)]))
+        evidence = build_evidence(source, settings, self._settings.mode, kind,
+                                  apparent_size(self._model, self._settings))
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
         if with_volume and volume is None and isinstance(source, LightField):
             progress('volume', 0.0)
             volume = build_volume(source, settings)
             finished('volume')
-        elif with_volume and isinstance(evidence, ViewsEvidence) and self._model is not None:
+        elif with_volume and isinstance(evidence, ViewsEvidence):
             progress('volume', 0.0)
             made = region_volume(evidence, self._model, self._settings, self._changes,
                                  self._origin)

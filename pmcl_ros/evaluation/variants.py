@@ -17,11 +17,11 @@ from pmcl_ros.lightfield.posed_view import PosedViews, centre_view
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import (
     Evidence,
+    apparent_size,
     binned_to_draw,
     build_evidence,
     depths_of,
     evidence_kind,
-    size_in,
     volume_settings,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -126,7 +126,7 @@ class Variant:
             source = binned_to_draw(source, settings, search, model.radius)
             made = build_evidence(source, settings, self.mode,
                                   evidence_kind(PmclSettings(**self.chosen), source),
-                                  size_in(model, search))
+                                  apparent_size(model, search))
             return _ablated(made, self.base)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(

@@ -37,9 +37,9 @@ from pmcl_ros.nodes.transport.losses import MissingCaptures
 from pmcl_ros.pipeline import (
     AnyLocalizer,
     Evidence,
+    apparent_size,
     binned_to_draw,
     cameras_of,
-    size_in,
 )
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -259,7 +259,7 @@ def _evidence_of(settings: PmclNodeSettings, model: ObjectModel
     """What makes the evidence of posed views. model: of the largest object."""
     of_views = DlvSettings()
     builder = ViewsEvidenceBuilder(of_views, settings.evidence != 'edges',
-                                   size_in(model, settings))
+                                   apparent_size(model, settings))
     return lambda views: builder.build(binned_to_draw(views, of_views, settings, model.radius))
 
 

@@ -31,7 +31,7 @@ from pmcl_ros.learning.posed_views import searches as posed_searches
 from pmcl_ros.learning.searches import Search, Supports, searches
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import has_posed_views
-from pmcl_ros.pipeline import build_evidence, size_in
+from pmcl_ros.pipeline import apparent_size, build_evidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
@@ -214,7 +214,7 @@ def _views_of(captures: Sequence[Capture]) -> Iterator[ViewsExample]:
         model = ObjectModel.load(each.model)
         settings = PmclSettings(roi_center=truth.roi_center, roi_size=truth.roi_size)
         evidence = build_evidence(source, DlvSettings(), 'default', 'map',
-                                  size_in(model, settings))
+                                  apparent_size(model, settings))
         assert isinstance(evidence, ViewsEvidence)
         yield ViewsExample(evidence, model, truth.pose, settings, not truth.empty)
 

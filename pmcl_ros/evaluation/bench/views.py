@@ -15,7 +15,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.pipeline import size_in
+from pmcl_ros.pipeline import apparent_size
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.incremental_search import IncrementalSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
@@ -96,7 +96,7 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
     settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
 
     def builder() -> ViewsEvidenceBuilder:
-        return ViewsEvidenceBuilder(DlvSettings(), size_in=size_in(model, settings))
+        return ViewsEvidenceBuilder(DlvSettings(), size_in=apparent_size(model, settings))
 
     def off(estimate: PoseEstimate) -> float:
         return 1e3 * pose_error(estimate.pose, target.pose, model.symmetry).translation
