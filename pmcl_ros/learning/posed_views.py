@@ -122,18 +122,17 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
     """Of a pose (4, 4) in the reference frame."""
     joint = JointEvidence.from_views(example.evidence, NumbaRenderer(), example.model,
                                      example.settings)
-    first = example.evidence.views[joint.numbers[0]]
-    into = np.linalg.inv(first.camera_to_reference)
+    truth = joint.seen(example.pose)
     symmetry = example.model.symmetry
     with contextlib.ExitStack() as stack:
         contours = JointContours.opened(joint, stack, _NONE.displaced(joint.independent))
         posterior = JointPosterior(example.model, example.settings, contours, None)
-        mode = posterior.refine(into @ pose)
+        mode = posterior.refine(joint.seen(pose))
         apart = posterior.disagreement_near(mode.pose)
-        displacement = posterior.displacement_at(into @ example.pose)
-    truth = symmetry.nearest_equivalents((into @ example.pose)[None], mode.pose)
+        displacement = posterior.displacement_at(truth)
+    equivalent = symmetry.nearest_equivalents(truth[None], mode.pose)
     local = mode.local
-    return ViewsDeviation(local.basis.T @ symmetry.local(truth, mode.pose)[0],
+    return ViewsDeviation(local.basis.T @ symmetry.local(equivalent, mode.pose)[0],
                           np.asarray(np.linalg.inv(local.scale * local.information), float),
                           local.model_error, joint.independent, apart, displacement)
 

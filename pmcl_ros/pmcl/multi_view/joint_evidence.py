@@ -34,8 +34,9 @@ class JointEvidence:
     """Evidence of an object's poses in several views.
 
     Poses are in the frame of the first camera that sees the region. views: what each that sees it
-    shows. cameras: (n, 4, 4) of these, to that frame. errors: of the cameras. region: a box there
-    that holds the region of interest. box: (4, 4) from that frame into that of the region of
+    shows. first: (4, 4) that camera, to the reference frame. cameras: (n, 4, 4) of the views, to
+    the frame of the first. errors: of the cameras. region: a box there that holds the region of
+    interest. box: (4, 4) from that frame into that of the region of
     interest, and half its size (3,) [m]. numbers: of the views, among all. constraint: (n,) which
     of poses (n, 4, 4) are feasible besides. fronts: in each view (height, width) depth of other
     objects, which may hide this one; 0 for none [m]. masked: in each view (height, width) whether
@@ -44,6 +45,7 @@ class JointEvidence:
 
     model: ObjectModel
     views: tuple[ContourEvidence, ...]
+    first: NDArray[np.float64]
     cameras: NDArray[np.float64]
     errors: CameraErrors
     region: Region
@@ -77,7 +79,7 @@ class JointEvidence:
         into[:3, 3] -= settings.roi_center
         errors = (CameraErrors.from_views(posed) if evidence.errors is None
                   else CameraErrors(evidence.errors[list(seen)]))
-        return cls(model, tuple(views), cameras, errors, views[0].region,
+        return cls(model, tuple(views), first, cameras, errors, views[0].region,
                    (into, np.array(settings.roi_size) / 2), tuple(seen),
                    None if others is None else lambda poses: others.feasible(first @ poses),
                    () if others is None else tuple(
@@ -85,6 +87,10 @@ class JointEvidence:
                        for each, view in zip(views, posed, strict=True)),
                    tuple(_masked(each.edges, view.view)
                          for each, view in zip(views, posed, strict=True)))
+
+    def seen(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Poses (..., 4, 4) in the reference frame, in the frame of the first camera."""
+        return np.asarray(np.linalg.inv(self.first) @ poses, float)
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are in the region, turned as the object can be."""

@@ -45,6 +45,17 @@ _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
 
 
+@dataclass(frozen=True)
+class _Request:
+    """What `MultiViewLocalizer.localize` was asked for. also: (k, 4, 4) where to look besides."""
+
+    start: NDArray[np.float64] | None
+    watch: Watch | None
+    others: OtherObjects | None
+    near: NDArray[np.float64] | None = None
+    also: NDArray[np.float64] | None = None
+
+
 class MultiViewLocalizer(Closing):
     """Finds one object by its contours in several views. It draws on the processor.
 
@@ -110,10 +121,9 @@ class MultiViewLocalizer(Closing):
         By the numbers of the views that see the region; cameras are where they are reported to be.
         """
         joint = self._joint(evidence)
-        into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             drawn = JointContours.opened(joint, stack)
-            seen = drawn.contours(into @ pose, drawn.nominal)
+            seen = drawn.contours(joint.seen(pose), drawn.nominal)
         made = {}
         for number, view in zip(joint.numbers, seen, strict=True):
             whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole
@@ -122,21 +132,20 @@ class MultiViewLocalizer(Closing):
         return made
 
     def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-                   request: '_Request') -> Found:
+                   request: _Request) -> Found:
         """The pose by all of some views."""
         coarser, watch = evidence.coarser if request.near is None else None, request.watch
         found, evaluations = ((None, 0) if coarser is None
                               else self._found(coarser, rng, stages, request))
         joint = self._joint(evidence, request.others)
-        first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if request.near is not None:
-                scored = search.find_near(np.linalg.inv(first) @ request.near, watch)
+                scored = search.find_near(joint.seen(request.near), watch)
             elif found is None:
-                scored = search.find(self._begin(joint, first, request), rng, stages, watch)
+                scored = search.find(self._begin(joint, request), rng, stages, watch)
             else:
-                scored = search.sharpen(np.linalg.inv(first) @ found, rng, stages, watch)
+                scored = search.sharpen(joint.seen(found), rng, stages, watch)
             sample = search.sample(scored.contenders, rng, stages, watch)
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
@@ -147,31 +156,28 @@ class MultiViewLocalizer(Closing):
             scale = (None if posterior.numbers is None or request.near is not None
                      else posterior.scale_near(estimate.pose))
         evaluations += sum(each.evaluations for each in optimizers)
-        return Found(replace(estimate, evaluations=evaluations).in_frame(first), fits,
-                      first @ modes, shown, understated, scale)
+        return Found(replace(estimate, evaluations=evaluations).in_frame(joint.first), fits,
+                     joint.first @ modes, shown, understated, scale)
 
     def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,
                                         others)
 
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-               request: '_Request') -> tuple[NDArray[np.float64], int]:
+               request: _Request) -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
         joint = self._joint(coarser, request.others)
-        first = coarser.views[joint.numbers[0]].camera_to_reference
-        begin = self._begin(joint, first, request)
+        begin = self._begin(joint, request)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
-            found = first @ search.find(begin, rng, stages, request.watch).poses
+            found = joint.first @ search.find(begin, rng, stages, request.watch).poses
         return found, sum(each.evaluations for each in optimizers)
 
-    def _begin(self, joint: JointEvidence, first: NDArray[np.float64], request: '_Request'
-               ) -> NDArray[np.float64]:
-        """(k, 4, 4) where the search begins, in the frame of the first camera (4, 4)."""
-        begin = (self._proposed(joint) if request.start is None
-                 else np.linalg.inv(first) @ request.start)
+    def _begin(self, joint: JointEvidence, request: _Request) -> NDArray[np.float64]:
+        """(k, 4, 4) where the search begins, in the frame of the first camera."""
+        begin = self._proposed(joint) if request.start is None else joint.seen(request.start)
         if request.also is not None:
-            begin = np.concatenate([begin, np.linalg.inv(first) @ request.also])
+            begin = np.concatenate([begin, joint.seen(request.also)])
         if request.watch is not None:
             request.watch(Generation('proposals', begin, np.zeros(len(begin))))
         return begin
@@ -193,8 +199,7 @@ class MultiViewLocalizer(Closing):
         prior, and the estimate: in the reference frame.
         """
         joint = self._joint(evidence)
-        first = evidence.views[joint.numbers[0]].camera_to_reference
-        near = prior.seen_from(first)
+        near = prior.seen_from(joint.first)
         optimizers = joint.optimizers()[1:]
         with contextlib.ExitStack() as stack:
             posterior = self._posterior(joint, stack)
@@ -208,7 +213,7 @@ class MultiViewLocalizer(Closing):
             else:
                 estimate = self._estimator(joint).from_prior(evidence.header, near, particles,
                                                              rng)
-        return replace(estimate.in_frame(first), mode=FOLLOWED,
+        return replace(estimate.in_frame(joint.first), mode=FOLLOWED,
                        evaluations=sum(each.evaluations for each in optimizers))
 
     def log_likelihoods(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
@@ -218,10 +223,8 @@ class MultiViewLocalizer(Closing):
         Scaled as for a posterior about the best of them.
         """
         joint = self._joint(evidence)
-        first = evidence.views[joint.numbers[0]].camera_to_reference
-        seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
-            return self._posterior(joint, stack).log_likelihoods(seen)
+            return self._posterior(joint, stack).log_likelihoods(joint.seen(poses))
 
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.
@@ -230,10 +233,9 @@ class MultiViewLocalizer(Closing):
         by the errors of their poses, without a model error.
         """
         joint = self._joint(evidence)
-        into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             posterior = JointPosterior.opened(joint, self._settings, None, stack)
-            return posterior.fitted_at(into @ pose).covariance
+            return posterior.fitted_at(joint.seen(pose)).covariance
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
                   sample: Posterior, rng: np.random.Generator
@@ -282,11 +284,9 @@ class MultiViewLocalizer(Closing):
         Nuisances are those that fit best. others: as of `localize`.
         """
         joint = self._joint(evidence, others)
-        first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             posterior = self._posterior(joint, stack)
-            return np.array([posterior.evidence_at(each)
-                             for each in np.linalg.inv(first) @ poses])
+            return np.array([posterior.evidence_at(each) for each in joint.seen(poses)])
 
     def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
         """(k, 4, 4) proposals of some views, in the frame of the first.
@@ -314,14 +314,3 @@ class MultiViewLocalizer(Closing):
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
-
-
-@dataclass(frozen=True)
-class _Request:
-    """What `MultiViewLocalizer.localize` was asked for. also: (k, 4, 4) where to look besides."""
-
-    start: NDArray[np.float64] | None
-    watch: Watch | None
-    others: OtherObjects | None
-    near: NDArray[np.float64] | None = None
-    also: NDArray[np.float64] | None = None

@@ -77,11 +77,9 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
     see the object brings nothing. Raises LocalizationError where no view sees the region.
     """
     joint = JointEvidence.from_views(evidence, NumbaRenderer(), model, settings)
-    first = evidence.views[joint.numbers[0]].camera_to_reference
-    into = np.asarray(np.linalg.inv(first), float)
     with contextlib.ExitStack() as stack:
         posterior = JointPosterior.opened(joint, settings, numbers_of(joint), stack)
-        mode = posterior.refine(into @ pose)
+        mode = posterior.refine(joint.seen(pose))
         if evidence.errors is None:
             posed = [evidence.views[number] for number in joint.numbers]
             errors = CameraErrors.from_views([*posed, posed[0]])
@@ -90,7 +88,7 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
         known = _Known.from_posterior(mode.pose, posterior, errors.enlarged(
             posterior.understated_near(mode.pose)))
     now = known.sigma()
-    seen = [_contour(model, pinhole, into @ camera, mode.pose,
+    seen = [_contour(model, pinhole, joint.seen(camera), mode.pose,
                      None if settings.interface is None else settings.interface.seen_from(camera))
             for camera in candidates]
     sigmas = np.array([np.inf if each is None else known.sigma(each) for each in seen])

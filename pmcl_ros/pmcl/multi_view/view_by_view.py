@@ -35,7 +35,6 @@ def sigmas_by_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclS
 def _mode(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings,
           pose: NDArray[np.float64]) -> LocalModel:
     joint = JointEvidence.from_views(evidence, NumbaRenderer(), model, settings)
-    into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
     with contextlib.ExitStack() as stack:
         posterior = JointPosterior.opened(joint, settings, numbers_of(joint), stack)
-        return posterior.refine(np.asarray(into @ pose, float)).local
+        return posterior.refine(joint.seen(pose)).local

@@ -379,14 +379,14 @@ def test_views_disagree_by_the_median_and_one_without_a_contour_says_nothing(con
     values = []
     for views in given.views, (*given.views, replace(given.views[1], camera_to_reference=aside)):
         joint = JointEvidence.from_views(replace(given, views=views), NumbaRenderer(), CUP, wider)
-        into = np.linalg.inv(views[joint.numbers[0]].camera_to_reference)
+        off_seen, truth_seen = joint.seen(off), joint.seen(truth)
         with contextlib.ExitStack() as stack:
             contours = JointContours.opened(joint, stack)
             none = contours.nominal
             squares = [(each.off / each.expected) ** 2
-                       for each in contours.fits(into @ off, none) if each.expected > 0]
-            contours.contours(into @ truth, none)  # what is kept is of the pose that is asked for
-            values.append(contours.disagreement(into @ off, none))
+                       for each in contours.fits(off_seen, none) if each.expected > 0]
+            contours.contours(truth_seen, none)  # what is kept is of the pose that is asked for
+            values.append(contours.disagreement(off_seen, none))
         assert len(squares) == 3
         assert values[-1] == pytest.approx(np.median(squares))
         assert min(squares) < values[-1] < max(squares)
