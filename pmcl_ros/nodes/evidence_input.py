@@ -24,12 +24,12 @@ _TOPICS: dict[str, tuple[str, Callable[..., EvidenceVolume]]] = {
     'edges': ('dlv/edges', edges_from), 'map': ('dlv/contour_map', map_from)}
 ENDED = 'the node was reset or deactivated before it was searched'
 _LOOK = 0.25  # s between two looks for publishers
-_PATIENCE = 5.0  # s: how much later than its volume the evidence may come
+_EVIDENCE_PATIENCE = 5.0  # s: how much later than its volume the evidence may come
 _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
 _MAPS = 4  # captures whose contour maps are kept
 # s: how much later than the search by its edges a contour map may come. Fast DDS sends what was
 # lost, as 1 MB may be on a busy machine, again with the next heartbeat, after up to 3 s.
-_WAIT = 4.0
+_MAP_PATIENCE = 4.0
 
 
 class EvidenceInput:
@@ -47,7 +47,7 @@ class EvidenceInput:
 
     def __init__(self, node: StageNode, settings: PmclSettings,
                  callback: Callable[[Evidence], None], both: bool = False,
-                 discovery: float = _DISCOVERY, patience: float = _WAIT) -> None:
+                 discovery: float = _DISCOVERY, patience: float = _MAP_PATIENCE) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
         self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
         self._maps: _Maps | None = None
@@ -62,7 +62,8 @@ class EvidenceInput:
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
         if both:
-            self._maps = _Maps(node, patience)  # second: whoever finds it has found edges
+            # After the edges: a publisher that has discovered this has discovered those.
+            self._maps = _Maps(node, patience)
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
@@ -90,7 +91,7 @@ class EvidenceInput:
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
         self._drop_held(f'no {self._topic} came with it before the next')
         self._held = time.monotonic(), volume
-        self._wait_no_longer()
+        self._deliver_overdue()
 
     def _drop_held(self, why: str) -> None:
         held, self._held = self._held, None
@@ -114,15 +115,17 @@ class EvidenceInput:
         elif published:
             self._end_volumes()
         self._alone = alone
-        self._wait_no_longer()
+        self._deliver_overdue()
 
-    def _wait_no_longer(self) -> None:
+    def _deliver_overdue(self) -> None:
         """Deliver the volume that waits when its evidence has had its time."""
         if self._held is None:
             return
         came, volume = self._held
-        end, why = ((came + _PATIENCE, f'its {self._topic} does not come') if self._published()
-                    else (self._since + self._discovery, f'nobody publishes {self._topic}'))
+        if self._published():
+            end, why = came + _EVIDENCE_PATIENCE, f'its {self._topic} does not come'
+        else:
+            end, why = self._since + self._discovery, f'nobody publishes {self._topic}'
         if time.monotonic() > end:
             self._node.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
             self._held = None
