@@ -24,7 +24,7 @@ from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_ma
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import no_markers
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
-from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
@@ -53,7 +53,7 @@ class GraspNode(StageNode):
         self._model, self._gripper, grasps = GraspFile.read(resolve(settings.grasps, 'grasps'))
         self._ranker = Ranker(self._model, self._gripper, grasps, settings)
         self._mount = transform(settings.mount_position, settings.mount_rpy)
-        self._arm = pose_source(self, _ARM, settings.arm, settings.base_frame, MANY)
+        self._arm = pose_source(self, _ARM, settings.arm, settings.base_frame)
         self.get_logger().info(
             f'{len(grasps)} grasps of {self._model.name}; poses of {self._gripper.parent_link} in '
             f'{settings.base_frame}')

@@ -29,7 +29,7 @@ from pmcl_ros.nodes.pmcl_outputs.overlays import Overlays
 from pmcl_ros.nodes.pmcl_outputs.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
-from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
@@ -77,7 +77,7 @@ class PmclNode(StageNode):
         self._overlays = Overlays(self)
         self._markers = self.publisher(MarkerArray, 'markers', SMALL)
         self._camera_poses = (
-            pose_source(self, _CAMERA, settings.track_camera, settings.track_frame, MANY)
+            pose_source(self, _CAMERA, settings.track_camera, settings.track_frame)
             if settings.tracking == 'camera' else None)
         if self._posed and settings.evidence != 'edges':
             contour_net()  # a broken file is an error here, not at the first views

@@ -20,7 +20,7 @@ from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
-from pmcl_ros.nodes.runtime.base import MANY, StageNode
+from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
@@ -84,7 +84,7 @@ class SweepDriver(StageNode):
         self._mask = read_mask(resolve(settings.mask, 'mask')) if settings.mask else None
         self._settings = settings
         self._collection = self._new_collection()
-        self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
+        self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame,
                                   transform(settings.mount_position, settings.mount_rpy),
                                   settings.mount_parent)
         self._outputs = view_outputs(self)

@@ -7,14 +7,13 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from rclpy.duration import Duration
-from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.transform_tree import SPEED_INTERVAL
 from pmcl_ros.lightfield.sweep.settings import check_mounted
 from pmcl_ros.messages.pose import pose_from, transform_from
-from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.runtime.errors import MessageError, PoseUnavailableError, SettingsError
 
 Way = Literal['auto', 'fixed', 'topic', 'tf']
@@ -82,17 +81,16 @@ class TopicPoses:
     poses the topic carries.
     """
 
-    def __init__(self, node: StageNode, names: PoseNames, frame: str, qos: QoSProfile,
+    def __init__(self, node: StageNode, names: PoseNames, frame: str,
                  offset: NDArray[np.float64] | None) -> None:
-        self._node, self._names, self._frame = node, names, frame
-        self._qos, self._offset = qos, offset
+        self._node, self._names, self._frame, self._offset = node, names, frame, offset
         self._lock = Lock()  # held while the buffer is used
         self.missing = self._none = f'no pose of its time, or later, has come on {names.topic}'
 
     def start(self) -> None:
         """Subscribe."""
         self._buffer = PoseBuffer(_KEPT)
-        self._node.subscribe(PoseStamped, self._names.topic, self._on_pose, self._qos)
+        self._node.subscribe(PoseStamped, self._names.topic, self._on_pose, MANY)
 
     def nearest(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
                 tolerance: float) -> NDArray[np.float64]:
@@ -169,12 +167,12 @@ class TfPoses:
         return MovingPose.between(before, now, SPEED_INTERVAL, 1)
 
 
-def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: QoSProfile,
+def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str,
                 offset: NDArray[np.float64] | None = None, parent: str = '') -> PoseSource:
     """The source that `way` names, for `set_up` of a node; logged.
 
-    auto: /tf where tf2_ros is installed, else the topic. frame: the fixed frame. qos, offset: as
-    `TopicPoses` takes them. parent: the link on /tf that the offset is in; empty: the child frame
+    auto: /tf where tf2_ros is installed, else the topic. frame: the fixed frame. offset: as of
+    `TopicPoses`. parent: the link on /tf that the offset is in; empty: the child frame
     is on /tf, and an offset is refused (SettingsError).
     """
     if way == 'auto':
@@ -189,7 +187,7 @@ def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: Qo
         source = TfPoses(node, names, frame, mount)
         words = 'come from /tf' + (f', by the mount in {parent}' if mount else '')
     else:
-        source = TopicPoses(node, names, frame, qos, offset)
+        source = TopicPoses(node, names, frame, offset)
         words = f'come from {names.topic}'
     node.get_logger().info(f'{names.source} {way}: poses in {frame} {words}')
     return source

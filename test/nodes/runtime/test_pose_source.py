@@ -12,7 +12,6 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.pose import pose_to_message
-from pmcl_ros.nodes.runtime.base import MANY
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -53,7 +52,7 @@ def node(monkeypatch):
 
 
 def test_a_camera_that_is_not_on_tf_is_found_by_its_mount(node):
-    poses = pose_source(node, NAMES, 'auto', 'base_link', MANY, MOUNT, 'wrist')
+    poses = pose_source(node, NAMES, 'auto', 'base_link', MOUNT, 'wrist')
     poses.start()
     wanted = wrist_at(STAMP) @ MOUNT
     np.testing.assert_allclose(poses.nearest(STAMP, 'camera', 0.1), wanted, atol=1e-12)
@@ -64,6 +63,6 @@ def test_a_camera_that_is_not_on_tf_is_found_by_its_mount(node):
 
 def test_a_mount_in_no_link_is_refused(node):
     with pytest.raises(SettingsError, match='in mount_parent, which is empty: set it'):
-        pose_source(node, NAMES, 'tf', 'base_link', MANY, MOUNT)
-    pose_source(node, NAMES, 'tf', 'base_link', MANY, np.eye(4))  # the camera is on /tf
-    pose_source(node, NAMES, 'topic', 'base_link', MANY, MOUNT)  # the topic has one link
+        pose_source(node, NAMES, 'tf', 'base_link', MOUNT)
+    pose_source(node, NAMES, 'tf', 'base_link', np.eye(4))  # the camera is on /tf
+    pose_source(node, NAMES, 'topic', 'base_link', MOUNT)  # the topic has one link
