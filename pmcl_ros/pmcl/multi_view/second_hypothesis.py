@@ -171,6 +171,7 @@ def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequ
         np.array([each.camera_to_reference for each in evidence.views]),
         *(np.array([pose for _, pose in each]) for _, each in mended)])
     if not pairs:
+        _LOG.info('lost, and too few features match between pictures to check the camera poses')
         return False
     given, *others = np.median([each.distances for each in pairs], axis=0)
     questions = [f'{question} {distance:.1f} px' for (question, _), distance

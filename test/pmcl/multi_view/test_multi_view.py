@@ -532,6 +532,11 @@ def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
     assert sigma_now(estimate, evidence) < 1.6  # with the reported cameras it is 5.5
     blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
     assert found(CUP, blind).lost
+    assert 'too few features' not in caplog.text
+    plain = seen_by_others(evidence, told, views_of_planes(cameras, told, contrast=0))
+    with caplog.at_level(logging.INFO):
+        assert found(CUP, plain).lost
+    assert 'too few features match between pictures to check the camera poses' in caplog.text
 
 
 @pytest.mark.parametrize('factor', [1, 2, 4])
