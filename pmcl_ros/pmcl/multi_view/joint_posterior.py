@@ -31,7 +31,7 @@ from pmcl_ros.runtime.progress import Progress
 _REFINEMENTS = 12  # Gauss-Newton steps at most; poses and nuisances converge in less
 _SAME_POSE = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
-_CLEARLY = 3.0  # standard deviations of distances that are clearly wrong
+_CLEARLY = 2.5  # standard deviations of distances that are clearly wrong
 _SCALE = 0.03  # of distances: standard deviation of a scale of which little is known
 _CONTOURS = 0.004  # of distances: a contour 120 px across is found a quarter of a pixel off
 

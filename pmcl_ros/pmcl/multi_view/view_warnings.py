@@ -14,7 +14,8 @@ from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 
 _LOG = logging.getLogger(__name__)
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
-SCALE_ADVICE = 'check the scale of their poses, the size of the mesh, and the focal length'
+SCALE_ADVICE = ('check the scale of their poses, the size of the mesh, the focal length, and '
+                'whether the object moved')
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
