@@ -33,7 +33,7 @@ def _result(example: Example) -> tuple[bool, bool, bool, float]:
     seen: list[Generation] = []
     with Localizer(example.model, settings) as localizer:
         begin = time.process_time()
-        found = localizer.localize(example.edges, np.random.default_rng(0), watch=seen.append)
+        found = localizer.localize(example.volume, np.random.default_rng(0), watch=seen.append)
         took = time.process_time() - begin
     errors = [_error(example, each) for each in seen[0].poses]
     proposed = any(each.translation < _DISTANCE and each.rotation < _ANGLE for each in errors)

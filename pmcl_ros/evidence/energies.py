@@ -9,7 +9,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.runtime.kernels import compiled
 
 
-def energies_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
+def energies_across(volume: EvidenceVolume, pixels: NDArray[np.floating],
                     normals: NDArray[np.floating], depths: NDArray[np.floating],
                     offsets: NDArray[np.floating]) -> NDArray[np.float64]:
     """(n, k) e(u + offsets[k] n): the tensor's reading across the normal, linear between samples.
@@ -20,11 +20,11 @@ def energies_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
     Outside the volume its border is repeated.
     """
     energies = np.empty((len(pixels), len(offsets)))
-    _sample(edges.tensor, *_double(pixels, normals, edges.labels(depths), offsets), energies)
+    _sample(volume.tensor, *_double(pixels, normals, volume.labels(depths), offsets), energies)
     return energies
 
 
-def evidence_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
+def evidence_across(volume: EvidenceVolume, pixels: NDArray[np.floating],
                     normals: NDArray[np.floating], depths: NDArray[np.floating],
                     profile: ContourProfile, shifts: NDArray[np.floating]
                     ) -> NDArray[np.float64]:
@@ -33,7 +33,7 @@ def evidence_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
     As `energies_across`; shifts: outwards [image px], the points' depths stay.
     """
     offsets = np.add.outer(np.asarray(shifts, np.float64), profile.offsets).ravel()
-    energies = energies_across(edges, pixels, normals, depths, offsets)
+    energies = energies_across(volume, pixels, normals, depths, offsets)
     evidence = np.empty((len(pixels), len(shifts)))
     slopes = np.diff(profile.tables) / np.diff(profile.knots)
     _judge(energies, *_double(profile.knots, slopes), profile.bias + profile.tables[:, 0].sum(),
@@ -41,22 +41,22 @@ def evidence_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
     return evidence
 
 
-def region_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
+def region_across(volume: EvidenceVolume, pixels: NDArray[np.floating],
                   normals: NDArray[np.floating], depths: NDArray[np.floating],
                   shifts: NDArray[np.floating]) -> NDArray[np.float64]:
     """(n, k) evidence that a silhouette gains or loses with the pixels it covers [nat / px].
 
-    It is the integral of `edges.region` along the normals from 0 to each of `shifts` (k,)
+    It is the integral of `volume.region` along the normals from 0 to each of `shifts` (k,)
     [image px], ascending, 0 among them. The rest as in `evidence_across`.
     """
-    region = edges.region
+    region = volume.region
     if not region.size:
         return np.zeros((len(pixels), len(shifts)))
     places = np.rint(pixels[:, None] + shifts[:, None] * normals[:, None]).astype(int)
     column, row = places[..., 0], places[..., 1]
     height, width, labels = region.shape
     seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    label = np.rint(edges.labels(depths)).astype(int).clip(0, labels - 1)
+    label = np.rint(volume.labels(depths)).astype(int).clip(0, labels - 1)
     values = np.where(seen, region[row.clip(0, height - 1), column.clip(0, width - 1),
                                    label[:, None]], 0)
     sums = cumulative_trapezoid(values, shifts, axis=1, initial=0)

@@ -45,14 +45,14 @@ class Deviation:
                       renderer: Renderer) -> 'Deviation':
         """estimate: a right pose of the example's object, found with `profile` and no error."""
         pose, symmetry = estimate.pose, example.model.symmetry
-        with renderer.contour_score(example.scene, example.edges, profile) as score:
+        with renderer.contour_score(example.scene, example.volume, profile) as score:
             points = score.points(pose)
         common, local = (
-            LocalModel.from_contour(pose, symmetry, points, example.edges, profile, error)
+            LocalModel.from_contour(pose, symmetry, points, example.volume, profile, error)
             for error in (ModelError(1, 0, LENGTH), ModelError(0, 1, LENGTH)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis
-        terms = ViewTerms.from_view(ViewContour(points, example.edges, profile), pose, basis)
+        terms = ViewTerms.from_view(ViewContour(points, example.volume, profile), pose, basis)
         moved = np.linalg.solve(common.information, terms.curvatures.sum(axis=0))
         truth = symmetry.nearest_equivalents(example.pose[None], pose)
         return cls(basis.T @ symmetry.local(truth, pose)[0], noise,

@@ -37,7 +37,7 @@ _POINTS = 150  # of a contour, at most
 class Example:
     """Evidence of a picture in which an object is at a known pose (4, 4), or is not (`there`)."""
 
-    edges: EvidenceVolume
+    volume: EvidenceVolume
     model: ObjectModel
     pose: NDArray[np.float64]
     region: Region
@@ -47,8 +47,8 @@ class Example:
     def scene(self) -> Scene:
         """The object and the part of the image in which a renderer scores its poses."""
         near, far = self.region.grown(self.model.radius)
-        window = self.region.window(self.edges.pinhole, self.model.radius)
-        return Scene(self.model, self.edges.pinhole, window, near, far)
+        window = self.region.window(self.volume.pinhole, self.model.radius)
+        return Scene(self.model, self.volume.pinhole, window, near, far)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def profiles(example: Example, renderer: Renderer, rng: np.random.Generator,
     creases = Creases.from_model(example.model, profile) if of_creases else None
     if of_creases and creases is None:
         return []
-    with renderer.contour_score(example.scene, example.edges, profile, creases=creases) as score:
+    with renderer.contour_score(example.scene, example.volume, profile, creases=creases) as score:
         def points_of(pose: NDArray[np.float64]) -> ContourPoints:
             seen = score.creases(pose)
             return score.points(pose) if seen is None else seen.points
@@ -110,7 +110,7 @@ def profiles(example: Example, renderer: Renderer, rng: np.random.Generator,
         return []
     chosen = rng.permutation(len(points.lengths))[:_POINTS]
     others = others[rng.permutation(len(others))[:_POINTS * _POSES]]
-    shifted = energies_across(example.edges, points.pixels[chosen], points.normals[chosen],
+    shifted = energies_across(example.volume, points.pixels[chosen], points.normals[chosen],
                               points.depths[chosen], np.add.outer(SHIFTS, OFFSETS).ravel())
     count = len(chosen)
     found = Samples(np.concatenate([points.energies[chosen], others]),

@@ -53,7 +53,7 @@ def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: 
             error = pose_error(estimate.pose, each.pose, each.model.symmetry)
             if error.right:
                 deviation = Deviation.from_estimate(
-                    each, estimate, profile or each.edges.profile, NumbaRenderer())
+                    each, estimate, profile or each.volume.profile, NumbaRenderer())
         yield Search(each.there, estimate.support, estimate.evidence, estimate.modes[0].weight,
                      deviation)
         for other in before:
@@ -114,4 +114,4 @@ def found(example: Example, model: ObjectModel, profile: ContourProfile | None, 
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba', least_support=0)
     with Localizer(model, settings, profile, error=_NO_ERROR) as localizer:
-        return localizer.localize(example.edges, np.random.default_rng(seed))
+        return localizer.localize(example.volume, np.random.default_rng(seed))

@@ -35,13 +35,13 @@ class LinearizedContour:
     covered: float
 
     @classmethod
-    def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EvidenceVolume,
+    def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, volume: EvidenceVolume,
                      profile: ContourProfile, creases: CreasePoints | None = None
                      ) -> 'LinearizedContour':
         """About `pose` (4, 4) with the contour `points`; creases: visible ones, or None."""
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
-        table, points = evidence_of_shifts(points, edges, profile, creases, shifts)
-        return cls(np.ascontiguousarray(normal_motion(points, edges.pinhole, pose[:3, 3])),
+        table, points = evidence_of_shifts(points, volume, profile, creases, shifts)
+        return cls(np.ascontiguousarray(normal_motion(points, volume.pinhole, pose[:3, 3])),
                    points.lengths[:, None] * table, points.covered)
 
     def evidence(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,11 +99,11 @@ class RigidContour:
         points, tips = (depths[:, None] * pinhole.rays(each) for each in (pixels, tips))
         return cls(pose, points, tips, np.full(len(chosen), total / max(len(chosen), 1)))
 
-    def evidence(self, poses: NDArray[np.float64], edges: EvidenceVolume, profile: ContourProfile
+    def evidence(self, poses: NDArray[np.float64], volume: EvidenceVolume, profile: ContourProfile
                  ) -> NDArray[np.float64]:
         """(n,) evidence [nat] of poses (n, 4, 4); points out of view have none.
 
-        The profile's offsets are in pixels of `edges`, whose camera may be coarser.
+        The profile's offsets are in pixels of `volume`, whose camera may be coarser.
         """
         motions = poses @ np.linalg.inv(self.pose)
         turns, shifts = motions[:, :3, :3], motions[:, None, :3, 3]
@@ -111,13 +111,13 @@ class RigidContour:
         tips = self.tips @ turns.transpose(0, 2, 1) + shifts
         depths = places[..., 2]
         ahead = (depths > _NEAREST) & (tips[..., 2] > _NEAREST)
-        pixels = edges.pinhole.project(np.where(ahead[..., None], places, [0, 0, 1]))
-        normals = edges.pinhole.project(np.where(ahead[..., None], tips, [0, 0, 1])) - pixels
+        pixels = volume.pinhole.project(np.where(ahead[..., None], places, [0, 0, 1]))
+        normals = volume.pinhole.project(np.where(ahead[..., None], tips, [0, 0, 1])) - pixels
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
-        size = np.array([edges.pinhole.width, edges.pinhole.height])
+        size = np.array([volume.pinhole.width, volume.pinhole.height])
         seen = ahead & ((pixels > -0.5) & (pixels < size - 0.5)).all(axis=-1)
         result = np.zeros(depths.shape)
-        result[seen] = evidence_across(edges, pixels[seen], normals[seen], depths[seen], profile,
+        result[seen] = evidence_across(volume, pixels[seen], normals[seen], depths[seen], profile,
                                        np.zeros(1))[:, 0]
         return np.asarray(result @ self.lengths)
 

@@ -45,9 +45,9 @@ Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ContourEvidence:
-    """Evidence of an object's poses by its contours and creases in one edge volume.
+    """Evidence of an object's poses by its contours and creases in one picture.
 
-    edges: the evidence of the picture. profile: log odds by its energies. error: of the model.
+    volume: the evidence of the picture. profile: log odds by its energies. error: of the model.
     creases: None to ignore them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides
     being in the region. detail: tolerance of the simplified mesh at the resolution of the image
     [image px]. interface: of water, orientation: of the object, if it is not any, in the camera's
@@ -58,7 +58,7 @@ class ContourEvidence:
     model: ObjectModel
     settings: PmclSettings
     region: Region
-    edges: EvidenceVolume
+    volume: EvidenceVolume
     profile: ContourProfile
     error: ModelError
     creases: Creases | None
@@ -68,25 +68,25 @@ class ContourEvidence:
     orientation: Orientation | None = None
 
     @classmethod
-    def from_edges(cls, edges: EvidenceVolume, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings, profile: ContourProfile | None,
-                   error: ModelError | None,
-                   creases: Creases | None, region: Region | None = None,
-                   camera: NDArray[np.float64] | None = None) -> 'ContourEvidence':
-        """The evidence in an edge volume or a contour map.
+    def from_volume(cls, volume: EvidenceVolume, renderer: Renderer, model: ObjectModel,
+                    settings: PmclSettings, profile: ContourProfile | None,
+                    error: ModelError | None,
+                    creases: Creases | None, region: Region | None = None,
+                    camera: NDArray[np.float64] | None = None) -> 'ContourEvidence':
+        """The evidence in a volume of either kind.
 
-        profile, error: None for those of `edges`. region: by default that of the settings.
+        profile, error: None for those of `volume`. region: by default that of the settings.
         camera: (4, 4) to the frame of the settings' interface and direction up; by default it is
         that frame.
         Creases were learned on refocused edges: they are ignored where the evidence has none.
         """
-        if profile is None or not edges.shows_creases:
-            profile = edges.profile
-        if not edges.shows_creases:
+        if profile is None or not volume.shows_creases:
+            profile = volume.profile
+        if not volume.shows_creases:
             creases = None
-        if isinstance(edges, EdgeVolume) and edges.from_likelihood:
+        if isinstance(volume, EdgeVolume) and volume.from_likelihood:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-        if isinstance(edges, ContourMap) and renderer.name != 'numba':
+        if isinstance(volume, ContourMap) and renderer.name != 'numba':
             _LOG.info('contour maps are scored on the processor')
             renderer = NumbaRenderer()
         interface = settings.interface
@@ -100,17 +100,17 @@ class ContourEvidence:
         if orientation is not None and camera is not None:
             orientation = orientation.seen_from(camera)
         region = region or Region(settings.roi_center, settings.roi_size)
-        return cls(renderer, model, settings, region, edges, profile, error or edges.model_error,
+        return cls(renderer, model, settings, region, volume, profile, error or volume.model_error,
                    creases, interface=interface, orientation=orientation)
 
     @property
     def window(self) -> Window:
         """The part of the image that the object can cover."""
-        return self.region.window(self.edges.pinhole, self.model.radius)
+        return self.region.window(self.volume.pinhole, self.model.radius)
 
     def score(self) -> ContourScore:
         """The evidence of poses at the resolution of the image; the caller closes it."""
-        return self.renderer.contour_score(self._scene(self.window), self.edges, self.profile,
+        return self.renderer.contour_score(self._scene(self.window), self.volume, self.profile,
                                            self.creases)
 
     def optimizers(self, count: int = 3) -> list[GaussNewton]:
@@ -131,7 +131,7 @@ class ContourEvidence:
         scale, step, blur = (_COARSE, _FINE, 1)[stage], _STEPS[stage], _BLURS[stage]
         return ContourExpansion(
             self._scene(window.coarser(max(scale, least))),
-            self.edges.blurred(float(np.hypot(blur, uncertain)), box), self.profile, step, camera)
+            self.volume.blurred(float(np.hypot(blur, uncertain)), box), self.profile, step, camera)
 
     def refinement(self, gauss_newton: GaussNewton, tries: int | None = None,
                    score: Score | None = None) -> Refine:
@@ -142,15 +142,15 @@ class ContourEvidence:
                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
                   ) -> ContourPosterior:
         """The posterior by a score of poses. contour, creases: the points of a pose that count."""
-        edges, profile = self.edges, self.profile
+        volume, profile = self.volume, self.profile
 
         def local_model_at(pose: NDArray[np.float64], sure: bool) -> LocalModel:
             return LocalModel.from_contour(
-                pose, self.model.symmetry, contour(pose), edges, profile,
+                pose, self.model.symmetry, contour(pose), volume, profile,
                 self.error if sure else None, creases(pose))
 
         def linearize_at(pose: NDArray[np.float64]) -> LinearizedContour:
-            return LinearizedContour.from_contour(pose, contour(pose), edges, profile,
+            return LinearizedContour.from_contour(pose, contour(pose), volume, profile,
                                                   creases(pose))
 
         return ContourPosterior(self.model, self.settings, where(self.feasible, score, -np.inf),
@@ -164,7 +164,7 @@ class ContourEvidence:
         return inside if self.constraint is None else inside & self.constraint(poses)
 
     def _scene(self, window: Window) -> Scene:
-        return scene(self.model, self.region, self.edges.pinhole, window,
+        return scene(self.model, self.region, self.volume.pinhole, window,
                      _DETAIL if window.scale > 1 else self.detail, self.interface)
 
 

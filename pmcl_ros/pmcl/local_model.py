@@ -55,14 +55,14 @@ class LocalModel:
 
     @classmethod
     def from_contour(cls, pose: NDArray[np.float64], symmetry: Symmetry,
-                     points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
+                     points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile,
                      error: ModelError | None, creases: CreasePoints | None = None
                      ) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points in one view are `points`.
 
         As `from_views`. creases: seen in this pose, if any count.
         """
-        return cls.from_views(pose, symmetry, [ViewContour(points, edges, profile, creases)],
+        return cls.from_views(pose, symmetry, [ViewContour(points, volume, profile, creases)],
                               error)
 
     @classmethod

@@ -50,7 +50,7 @@ Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
 class Localizer(Closing):
-    """Finds one object by its contour in edge volumes: the mode default.
+    """Finds one object by its contour in evidence volumes: the mode default.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
     profile: of the contour; by default that of the evidence, with the model's creases beside.
@@ -86,7 +86,7 @@ class Localizer(Closing):
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    def localize(self, edges: EvidenceVolume, rng: np.random.Generator,
+    def localize(self, volume: EvidenceVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
@@ -98,99 +98,99 @@ class Localizer(Closing):
         start: (k, 4, 4) where alone to look; proposed from the evidence if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
         feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in the region.
-        Raises LocalizationError when the edges' labels do not reach the region of interest, and
+        Raises LocalizationError when the volume's labels do not reach the region of interest, and
         with the renderer gl RenderError in another thread, after `close`, or when the GL refuses
         its work.
         """
         self._renderer.use()
         progress = progress or (lambda _: True)
         try:
-            found = self._search(edges, rng, progress, start, watch, feasible)
+            found = self._search(volume, rng, progress, start, watch, feasible)
             stages = Stages(progress)
-            if (start is None and isinstance(edges, EdgeVolume) and edges.other is not None
+            if (start is None and isinstance(volume, EdgeVolume) and volume.other is not None
                     and is_needed(found) and stages.go_on(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
                 return second_search(
-                    found, edges, edges.other, self, lambda other, seen: self._search(
+                    found, volume, volume.other, self, lambda other, seen: self._search(
                         other, second, lambda _: stages.go_on(1.0), None, seen, feasible,
                         second=True), stages, watch)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def contour(self, edges: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
+    def contour(self, volume: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
         """The contour of a pose (4, 4) and its evidence, as the search judges it.
 
         Raises as `localize` does.
         """
         self._renderer.use()
-        with replace(self._evidence(edges), creases=None).score() as exact:
+        with replace(self._evidence(volume), creases=None).score() as exact:
             return exact.points(pose)
 
-    def evidence(self, edges: EvidenceVolume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def evidence(self, volume: EvidenceVolume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) evidence of poses (n, 4, 4), by contours and creases, as the search sums it [nat].
 
         Raises as `localize` does.
         """
         self._renderer.use()
-        with self._evidence(edges).score() as exact:
+        with self._evidence(volume).score() as exact:
             return exact(poses)
 
-    def log_likelihoods(self, edges: EvidenceVolume, poses: NDArray[np.float64]
+    def log_likelihoods(self, volume: EvidenceVolume, poses: NDArray[np.float64]
                         ) -> NDArray[np.float64]:
         """(n,) [nat] of poses (n, 4, 4), by contours and creases.
 
         Scaled as for a posterior about the best of them. Raises as `localize` does.
         """
         self._renderer.use()
-        evidence = self._evidence(edges)
+        evidence = self._evidence(volume)
         with evidence.score() as exact:
             values = exact(poses)
             local_model_at = evidence.posterior(exact, exact.points,
                                                 exact.creases).local_model_at
             return local_model_at(poses[values.argmax()], True).scale * values
 
-    def _least(self, edges: EvidenceVolume, evidence: ContourEvidence, second: bool = False
+    def _least(self, volume: EvidenceVolume, evidence: ContourEvidence, second: bool = False
                ) -> Thresholds:
         """second: as of `_search`: the user chose for edges."""
-        return Thresholds.from_evidence(edges, evidence.profile,
+        return Thresholds.from_evidence(volume, evidence.profile,
                                         PmclSettings() if second else self._settings)
 
-    def _evidence(self, edges: EvidenceVolume) -> ContourEvidence:
-        return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
+    def _evidence(self, volume: EvidenceVolume) -> ContourEvidence:
+        return ContourEvidence.from_volume(volume, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
 
-    def _search(self, edges: EvidenceVolume, rng: np.random.Generator, progress: Progress,
+    def _search(self, volume: EvidenceVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None,
                 feasible: Feasible | None, second: bool = False) -> PoseEstimate:
         """second: in other evidence, whose thresholds are its own."""
-        self._region.check_depths(edges.depths)
-        if not self._warned and (problem := self._region.middle_out_of_view(edges.pinhole)):
+        self._region.check_depths(volume.depths)
+        if not self._warned and (problem := self._region.middle_out_of_view(volume.pinhole)):
             self._warned = True
             _LOG.warning('%s', problem)
-        evidence = replace(self._evidence(edges), constraint=feasible)
+        evidence = replace(self._evidence(volume), constraint=feasible)
         if start is not None and not len(start):
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
         if start is None:
-            start = self._proposed(edges, watch)
+            start = self._proposed(volume, watch)
         stages = Stages(progress)
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
-            if edges.coarser is None:
+            if volume.coarser is None:
                 poses = search.find(start, rng, stages, watch).poses
             else:
-                coarser = replace(self._evidence(edges.coarser), constraint=feasible)
+                coarser = replace(self._evidence(volume.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
                 poses = search.sharpen(first.find(start, rng, stages, watch).poses, rng, stages,
                                        watch).poses
                 optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimator.from_posterior(
-                edges.header, [(edges.pinhole, np.eye(4))], sample,
+                volume.header, [(volume.pinhole, np.eye(4))], sample,
                 search.posterior.local_model_at, exact.points,
-                self._least(edges, evidence, second), rng, flat=True,
+                self._least(volume, evidence, second), rng, flat=True,
                 degrees_of_freedom=evidence.error.degrees_of_freedom)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
@@ -203,7 +203,7 @@ class Localizer(Closing):
             watch(Generation('proposals', start, scores))
         return with_sunken(start, self._model, self._settings.interface)
 
-    def follow(self, edges: EvidenceVolume, prior: Gaussian, rng: np.random.Generator,
+    def follow(self, volume: EvidenceVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
         """The object's pose in one capture near a prior, which is a part of the posterior.
 
@@ -211,8 +211,8 @@ class Localizer(Closing):
         object is lost where no contour of it is in view.
         """
         self._renderer.use()
-        self._region.check_depths(edges.depths)
-        evidence = replace(self._evidence(edges), detail=FINEST_DETAIL)
+        self._region.check_depths(volume.depths)
+        evidence = replace(self._evidence(volume), detail=FINEST_DETAIL)
         optimizers = evidence.optimizers(2)
         with evidence.score() as exact:
             search = evidence.posterior(exact, exact.points, exact.creases)
@@ -220,31 +220,31 @@ class Localizer(Closing):
 
             def rigid(pose: NDArray[np.float64]) -> Score | None:
                 points = exact.points(pose)
-                return rigid_score(pose, points, evidence.edges) if len(points.lengths) else None
+                return rigid_score(pose, points, evidence.volume) if len(points.lengths) else None
 
             near = NearPrior(self._model, rigid, evidence.refinement(optimizers[0]),
                              evidence.refinement(optimizers[1], score=score), search.refine,
                              search.feasible, candidates)
             posterior = LocalSearch(near, search, particles).run(prior, rng)
             if posterior is None:
-                return replace(self._estimator.from_prior(edges.header, prior, particles, rng),
+                return replace(self._estimator.from_prior(volume.header, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.from_posterior(
-                edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
-                exact.points, self._least(edges, evidence), rng,
+                volume.header, [(volume.pinhole, np.eye(4))], posterior, search.local_model_at,
+                exact.points, self._least(volume, evidence), rng,
                 degrees_of_freedom=evidence.error.degrees_of_freedom)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def observe(self, edges: EvidenceVolume, poses: Sequence[NDArray[np.float64]]
+    def observe(self, volume: EvidenceVolume, poses: Sequence[NDArray[np.float64]]
                 ) -> list[Observation]:
         """The object's contour, depth picture and local model at each of poses (4, 4).
 
         Raises as `localize` does.
         """
         self._renderer.use()
-        evidence = replace(self._evidence(edges), creases=None, detail=FINEST_DETAIL)
-        camera = edges.pinhole
+        evidence = replace(self._evidence(volume), creases=None, detail=FINEST_DETAIL)
+        camera = volume.pinhole
         whole = scene(self._model, self._region, camera,
                       Window(0, 0, (camera.width, camera.height)), FINEST_DETAIL,
                       evidence.interface)
@@ -253,12 +253,12 @@ class Localizer(Closing):
             points = [exact.points(each) for each in poses]
         return [Observation(pose, seen, depth,
                             LocalModel.from_contour(
-                                pose, self._model.symmetry, seen, evidence.edges,
+                                pose, self._model.symmetry, seen, evidence.volume,
                                 evidence.profile, evidence.error),
                             share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
-    def refine(self, edges: EvidenceVolume, pose: NDArray[np.float64], rng: np.random.Generator,
+    def refine(self, volume: EvidenceVolume, pose: NDArray[np.float64], rng: np.random.Generator,
                shown: Shown) -> PoseEstimate:
         """The object's pose near one (4, 4), with a part of its contour hidden.
 
@@ -266,7 +266,7 @@ class Localizer(Closing):
         The rest as in `localize`.
         """
         self._renderer.use()
-        evidence = replace(self._evidence(edges), creases=None)
+        evidence = replace(self._evidence(volume), creases=None)
         with evidence.score() as exact:
             def contour(each: NDArray[np.float64]) -> ContourPoints:
                 points = exact.points(each)
@@ -276,7 +276,7 @@ class Localizer(Closing):
             mode = search.refine(pose)
             points = exact.points(mode.pose)
             rest = LinearizedContour.from_contour(
-                mode.pose, weighted(points, 1 - shown(points)), evidence.edges, evidence.profile)
+                mode.pose, weighted(points, 1 - shown(points)), evidence.volume, evidence.profile)
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
                 # Subtract the evidence of the hidden part, to first order.
@@ -285,8 +285,8 @@ class Localizer(Closing):
 
             posterior = replace(search, exact=partly).sample([mode], rng, lambda _: True)
             estimate = self._estimator.from_posterior(
-                edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
-                contour, self._least(edges, evidence), rng,
+                volume.header, [(volume.pinhole, np.eye(4))], posterior, search.local_model_at,
+                contour, self._least(volume, evidence), rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)),
                 degrees_of_freedom=evidence.error.degrees_of_freedom)

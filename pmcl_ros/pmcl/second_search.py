@@ -23,11 +23,11 @@ _Search = Callable[[EvidenceVolume, Watch | None], PoseEstimate]
 class Evaluator(Protocol):
     """What tells the evidence of poses: a `Localizer`."""
 
-    def contour(self, edges: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
+    def contour(self, volume: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
         """The contour of a pose (4, 4) and its evidence."""
         ...
 
-    def evidence(self, edges: EvidenceVolume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def evidence(self, volume: EvidenceVolume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) evidence of poses (n, 4, 4) [nat]."""
         ...
 

@@ -39,7 +39,7 @@ def contour_support(points: ContourPoints, seen: float) -> float:
     return float(weakest @ evidence / weakest.sum() - (1 - seen) / seen)
 
 
-def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
+def evidence_beyond(points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile,
                     others: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
     """(m,) the largest evidence for another contour beyond each point of a contour [nat / px].
 
@@ -50,14 +50,14 @@ def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: Conto
     """
     if not len(points.lengths):
         return np.zeros(0)
-    evidence = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
+    evidence = evidence_across(volume, points.pixels, points.normals, points.depths, profile,
                                _BEYOND)
     evidence = np.maximum(evidence, 0) * points.outer[:, None]
     point, place = np.nonzero(evidence)
     there = points.pixels[point] + _BEYOND[place, None] * points.normals[point]
     explained = KDTree(points.pixels).query(there, distance_upper_bound=_OWN)[0] < _OWN
     column, row = np.rint(there).astype(int).T
-    height, width = edges.tensor.shape[:2]
+    height, width = volume.tensor.shape[:2]
     explained |= (column < 0) | (row < 0) | (column >= width) | (row >= height)
     if others is not None:
         around = maximum_filter(others, 1 + 2 * round(_OWN))

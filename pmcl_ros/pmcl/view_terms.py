@@ -30,39 +30,39 @@ class ViewContour:
 
     creases: seen in this pose, if any count. camera: (4, 4) of the view, in the frame of the pose;
     None: that frame. curvature: of the evidence, in units of the least, where it is not that of
-    `edges` but of a view that is expected.
+    `volume` but of a view that is expected.
     """
 
     points: ContourPoints
-    edges: EvidenceVolume
+    volume: EvidenceVolume
     profile: ContourProfile
     creases: CreasePoints | None = None
     camera: NDArray[np.float64] | None = None
     curvature: float | None = None
 
 
-def evidence_of_shifts(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
+def evidence_of_shifts(points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile,
                        creases: CreasePoints | None, shifts: NDArray[np.float64]
                        ) -> tuple[NDArray[np.float64], ContourPoints]:
     """(m, k) evidence [nat / px] of points moved along their normals, and these points.
 
     They are those of the contour, and of creases if any are seen. shifts: (k,) outwards [px].
     """
-    table = evidence_across(edges, points.pixels, points.normals, points.depths, profile, shifts)
+    table = evidence_across(volume, points.pixels, points.normals, points.depths, profile, shifts)
     table += points.outer[:, None] * region_across(
-        edges, points.pixels, points.normals, points.depths, shifts)
+        volume, points.pixels, points.normals, points.depths, shifts)
     if creases is not None and creases.shown:
-        table = np.concatenate([table, creases.evidence(edges, shifts)])
+        table = np.concatenate([table, creases.evidence(volume, shifts)])
         points = points.joined(creases.points)
     return table, points
 
 
-def displaced(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile, by: float
+def displaced(points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile, by: float
               ) -> ContourPoints:
     """Points of a contour that is found `by` [px] outside of where it is, and what is there."""
     moved = points.pixels + by * points.normals
-    energies = energies_across(edges, moved, points.normals, points.depths, profile.offsets)
-    region = region_across(edges, points.pixels, points.normals, points.depths,
+    energies = energies_across(volume, moved, points.normals, points.depths, profile.offsets)
+    region = region_across(volume, points.pixels, points.normals, points.depths,
                            np.sort([0.0, by]))
     gained = float(points.lengths @ (points.outer * region.sum(axis=1)))
     return replace(points, pixels=moved, energies=energies, evidence=profile.evidence(energies),
@@ -114,17 +114,17 @@ class ViewTerms:
 
         displaced: with a last dimension, by which all of the contour moves outwards [px].
         """
-        edges, creases = view.edges, view.creases
+        volume, creases = view.volume, view.creases
         turn, place = np.eye(3), np.zeros(3)
         if view.camera is not None:
             turn, place = view.camera[:3, :3], view.camera[:3, 3]
             pose = np.linalg.inv(view.camera) @ pose
             basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
-        table, points = evidence_of_shifts(view.points, edges, view.profile, creases, shifts)
+        table, points = evidence_of_shifts(view.points, volume, view.profile, creases, shifts)
         before, inside, here, outside, after = table.T
         length = float(points.lengths.sum())
-        motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
+        motion = normal_motion(points, volume.pinhole, pose[:3, 3]) @ basis
         if displaced:
             motion = np.column_stack([motion, np.ones(len(motion))])
         slope = (outside - inside) / _STEP
@@ -140,10 +140,10 @@ class ViewTerms:
             slope = np.zeros(len(slope))
         gradients, curvatures = weight * slope[:, None] * motion, weight * curvature * motion
         normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
-        focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)
+        focal = np.sqrt(volume.pinhole.fx * volume.pinhole.fy)
         return cls(float(points.lengths @ here) + points.covered, length, gradients.sum(axis=0),
                    motion.T @ curvatures, motion.T @ (weight * motion), gradients, curvatures,
-                   points, _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
+                   points, _places(points, volume.pinhole) @ turn.T + place, normals @ turn.T,
                    focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
 
     def transformed(self, by: NDArray[np.float64]) -> 'ViewTerms':

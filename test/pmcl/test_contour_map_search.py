@@ -71,7 +71,7 @@ def test_contours_that_are_found_inside_are_looked_for_there():
         estimate = found(example, CUP, None, 0)
         off.append(estimate.pose[2, 3] - CUP_POSE[2, 3])
         told.append(fitted_offset([Deviation.from_estimate(
-            example, estimate, example.edges.profile, NumbaRenderer())]))
+            example, estimate, example.volume.profile, NumbaRenderer())]))
     # A contour of the half size r px that is half a pixel smaller is farther by 0.5 / r.
     assert off[0] > 0.002
     assert abs(off[1]) < 0.001

@@ -74,8 +74,8 @@ class JointContours:
         while widest > _SHARP:
             blurs.append(widest)
             widest /= 2
-        levels = [[each.edges.blurred(blur) for each in joint.views] for blur in blurs]
-        levels.append([each.edges for each in joint.views])
+        levels = [[each.volume.blurred(blur) for each in joint.views] for blur in blurs]
+        levels.append([each.volume for each in joint.views])
         return cls(joint, [stack.enter_context(each.score()) for each in joint.views], levels,
                    displacement)
 
@@ -115,9 +115,9 @@ class JointContours:
                 for points, masked in zip(seen, joint.masked, strict=True)]
         if joint.fronts:
             seen = [not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
-        return [ViewContour(displaced(points, edges, view.profile, off) if off else points, edges,
-                            view.profile, camera=camera)
-                for points, view, edges, camera in zip(
+        return [ViewContour(displaced(points, volume, view.profile, off) if off else points,
+                            volume, view.profile, camera=camera)
+                for points, view, volume, camera in zip(
                     seen, joint.views, self.levels[level], cameras, strict=True)]
 
     def share(self, pose: NDArray[np.float64]) -> float:
@@ -135,7 +135,7 @@ class JointContours:
         Cameras are where they are reported to be. None: no view sees a contour.
         """
         into = np.linalg.inv(self.joint.cameras)
-        scores = [(camera, rigid_score(camera @ pose, points, view.edges))
+        scores = [(camera, rigid_score(camera @ pose, points, view.volume))
                   for camera, score, view in zip(into, self.scores, self.joint.views, strict=True)
                   if len((points := score.points(camera @ pose)).lengths)]
         if not scores:
@@ -165,7 +165,7 @@ class JointContours:
     def fits(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), with nuisances (k + 1,)."""
         joint = self.joint
-        uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
+        uncertain = joint.errors.pixels([each.volume.pinhole for each in joint.views],
                                         [float((np.linalg.inv(camera) @ pose)[2, 3])
                                          for camera in joint.cameras])
         made, drawn = [], self._drawn(pose, nuisances)
@@ -196,7 +196,7 @@ class JointContours:
         fronts: Sequence[NDArray[np.float32] | None] = self.joint.fronts or [None] * len(views)
         lengths = np.concatenate([each.points.lengths for each in views])
         evidence = np.concatenate([
-            evidence_beyond(each.points, each.edges, each.profile,
+            evidence_beyond(each.points, each.volume, each.profile,
                             None if front is None else front > 0)
             for each, front in zip(views, fronts, strict=True)])
         return float(lengths @ evidence / max(lengths.sum(), 1e-9))
@@ -234,13 +234,13 @@ def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float
     before = np.linalg.inv(view.camera) @ pose
     basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
     shifts = np.linspace(-_FARTHEST, _FARTHEST, 4 * round(_FARTHEST) + 1)
-    table = evidence_across(view.edges, points.pixels, points.normals, points.depths,
+    table = evidence_across(view.volume, points.pixels, points.normals, points.depths,
                             view.profile, shifts)
     chances = np.exp(table - table.max(axis=1, keepdims=True))
     chances /= chances.sum(axis=1, keepdims=True)
     off = chances @ shifts
     weight = points.lengths / (chances @ shifts ** 2 - off ** 2 + 1)
-    motion = normal_motion(points, view.edges.pinhole, before[:3, 3]) @ basis
+    motion = normal_motion(points, view.volume.pinhole, before[:3, 3]) @ basis
     least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
     weighted = weight[:, None] * motion
     step = np.linalg.solve(weighted.T @ motion + least, weighted.T @ off)

@@ -70,8 +70,8 @@ class JointEvidence:
                                        (window.left, window.top, *window.size), 1)
             # The evidence of a picture is the same at all depths; labels say where to expect it.
             depths = depth_labels(*region.grown(model.radius), len(each.evidence.depths))
-            edges = each.evidence.part(grid, depths)
-            views.append(ContourEvidence.from_edges(edges, renderer, model, settings, None, None,
+            volume = each.evidence.part(grid, depths)
+            views.append(ContourEvidence.from_volume(volume, renderer, model, settings, None, None,
                                                     None, region, each.camera_to_reference))
         first = posed[0].camera_to_reference
         cameras = np.linalg.inv(first) @ np.array([each.camera_to_reference for each in posed])
@@ -85,7 +85,7 @@ class JointEvidence:
                    () if others is None else tuple(
                        others.depths(renderer, each, view.camera_to_reference)
                        for each, view in zip(views, posed, strict=True)),
-                   tuple(_masked(each.edges, view.view)
+                   tuple(_masked(each.volume, view.view)
                          for each, view in zip(views, posed, strict=True)))
 
     def seen(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,18 +151,18 @@ class JointEvidence:
     @property
     def uncertain(self) -> NDArray[np.float64]:
         """(n,) standard deviation with which each camera sees the region off [px]."""
-        return self.errors.pixels([each.edges.pinhole for each in self.views],
+        return self.errors.pixels([each.volume.pinhole for each in self.views],
                                   [each.region.center[2] for each in self.views])
 
 
-def _masked(edges: EvidenceVolume, view: PosedView | None) -> NDArray[np.bool_] | None:
+def _masked(volume: EvidenceVolume, view: PosedView | None) -> NDArray[np.bool_] | None:
     """(height, width) where `build_map` has left out what a view's mask does; None: it has none.
 
     The map says nothing at all there, in any part of the picture and at any size of its pixels.
     """
     if view is None or view.mask is None:
         return None
-    return np.asarray(~edges.tensor.any(axis=(2, 3)))
+    return np.asarray(~volume.tensor.any(axis=(2, 3)))
 
 
 def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings

@@ -41,7 +41,7 @@ def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> Learn
 
     None for a single view, or evidence that is no contour map. Raises SettingsError.
     """
-    several = len(joint.views) > 1 and isinstance(joint.views[0].edges, ContourMap)
+    several = len(joint.views) > 1 and isinstance(joint.views[0].volume, ContourMap)
     return (given or learned_views()) if several else None
 
 

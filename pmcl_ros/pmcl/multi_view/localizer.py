@@ -126,7 +126,7 @@ class MultiViewLocalizer(Closing):
             seen = drawn.contours(joint.seen(pose), drawn.nominal)
         made = {}
         for number, view in zip(joint.numbers, seen, strict=True):
-            whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole
+            whole, part = evidence.views[number].evidence.pinhole, view.volume.pinhole
             shift = np.array([whole.cx - part.cx, whole.cy - part.cy])
             made[number] = replace(view.points, pixels=view.points.pixels + shift)
         return made
@@ -248,11 +248,11 @@ class MultiViewLocalizer(Closing):
             beyond = posterior.beyond_near(likeliest.pose)
         least = self._least(joint, posterior.numbers, apart, beyond)
         estimate = self._estimator(joint).from_posterior(
-            evidence.header, [(view.edges.pinhole, camera) for view, camera
+            evidence.header, [(view.volume.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng,
             posterior.contours.share,
-            degrees_of_freedom=(joint.views[0].edges.model_error if posterior.numbers is None
+            degrees_of_freedom=(joint.views[0].volume.model_error if posterior.numbers is None
                                 else posterior.numbers).degrees_of_freedom)
         return replace(estimate, disagreement=apart, beyond=beyond)
 
@@ -269,7 +269,7 @@ class MultiViewLocalizer(Closing):
         """numbers: None for those of one view. apart: by how much the views disagree. beyond: mean
         evidence beyond the contours."""
         first = joint.views[0]
-        alone = Thresholds.from_evidence(first.edges, first.profile, self._settings)
+        alone = Thresholds.from_evidence(first.volume, first.profile, self._settings)
         if numbers is None:
             return alone
         chosen = 'least_support' in self._settings.model_fields_set
@@ -301,7 +301,7 @@ class MultiViewLocalizer(Closing):
                 self._proposals = Proposals(self._renderer, self.model, view.region)
             try:
                 poses, _ = self._proposals.within(view.region).propose(
-                    view.edges, self._settings.proposals, view.orientation)
+                    view.volume, self._settings.proposals, view.orientation)
             except LocalizationError as error:
                 _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
                 continue

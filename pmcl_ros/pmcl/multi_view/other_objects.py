@@ -29,7 +29,7 @@ class OtherObjects:
     def depths(self, renderer: Renderer, view: ContourEvidence, camera: NDArray[np.float64]
                ) -> NDArray[np.float32]:
         """(height, width) depth of their surfaces in a view [m], 0 where there is none."""
-        pinhole = view.edges.pinhole
+        pinhole = view.volume.pinhole
         window = Window(0, 0, (pinhole.width, pinhole.height))
         front = np.full((pinhole.height, pinhole.width), np.inf, np.float32)
         for model, pose in self.placed:

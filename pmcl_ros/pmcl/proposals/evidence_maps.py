@@ -79,31 +79,31 @@ def whole_cells(shape: tuple[int, ...]) -> tuple[int, int]:
     return max(1, shape[0] // CELL), max(1, shape[1] // CELL)
 
 
-def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
+def _cells_at(volume: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
     """The tensor at a depth, of whole cells; rows and columns of cells."""
-    last = edges.tensor.shape[2] - 1
-    label = np.clip(edges.labels(depth), 0, last)
+    last = volume.tensor.shape[2] - 1
+    label = np.clip(volume.labels(depth), 0, last)
     below = int(label)
     part = np.float32(label - below)
-    tensor = edges.tensor[:, :, below]
+    tensor = volume.tensor[:, :, below]
     if part:
-        tensor = (1 - part) * tensor + part * edges.tensor[:, :, below + 1]
+        tensor = (1 - part) * tensor + part * volume.tensor[:, :, below + 1]
     height, width = whole_cells(tensor.shape)
     return tensor[:height * CELL, :width * CELL], height, width
 
 
-def maps_at(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
+def maps_at(volume: EvidenceVolume, depth: float) -> NDArray[np.int16]:
     """(directions, rows, columns) of cells: what templates are correlated with."""
-    return (_log_odds_maps(edges, depth) if isinstance(edges, ContourMap)
-            else _evidence_maps(edges, depth))
+    return (_log_odds_maps(volume, depth) if isinstance(volume, ContourMap)
+            else _evidence_maps(volume, depth))
 
 
-def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
+def _evidence_maps(volume: EvidenceVolume, depth: float) -> NDArray[np.int16]:
     """(directions, rows, columns) of cells, in units of 1 / 255.
 
     Edge energy on a contour of each normal there, less half of that outside it.
     """
-    whole, height, width = _cells_at(edges, depth)
+    whole, height, width = _cells_at(volume, depth)
     cells = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     # A cell's mean is a part of the blur.
     tensor = cv2.GaussianBlur(cells, (0, 0), (_BLUR ** 2 - (CELL ** 2 - 1) / 12) ** 0.5 / CELL)

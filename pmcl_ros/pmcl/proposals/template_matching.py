@@ -94,25 +94,25 @@ class Proposals:
         other._region = region
         return other
 
-    def propose(self, edges: EvidenceVolume, count: int, orientation: Orientation | None = None
+    def propose(self, volume: EvidenceVolume, count: int, orientation: Orientation | None = None
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The best `count` poses (n, 4, 4) and their scores (n,), without duplicates, best first.
 
         orientation: of the object, if it is not any, in the frame of the camera.
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
-        pinhole = edges.pinhole
+        pinhole = volume.pinhole
         offsets, directions = self.templates.turned(self._turns, pinhole)
         farthest = np.abs(offsets).max()
         origins = [each for depth in self._region.depths(_DEPTH_STEP)
-                   if (each := self._origins(pinhole, depth, farthest, edges.tensor.shape))]
+                   if (each := self._origins(pinhole, depth, farthest, volume.tensor.shape))]
         if not origins:
             raise self._region.out_of_view(pinhole)
-        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
-        shared = PaddedMaps.around(maps_at(edges, origins[0].depth), origins) if flat else None
+        flat = bool((volume.tensor == volume.tensor[:, :, :1]).all())  # the same at any depth
+        shared = PaddedMaps.around(maps_at(volume, origins[0].depth), origins) if flat else None
         best = _Places.none()
         for each in origins:
-            maps = shared or PaddedMaps.around(maps_at(edges, each.depth), [each])
+            maps = shared or PaddedMaps.around(maps_at(volume, each.depth), [each])
             best = (best + self._at_depth(pinhole, each, maps, offsets, directions, orientation,
                                           best.scores, _TRIED * count)).best(_TRIED * count)
         side, turn = np.divmod(best.templates, len(self._turns))

@@ -80,7 +80,7 @@ class Renderer(Protocol):
         """(n, height, width) depths [m] of poses (n, 4, 4); 0 where nothing is."""
         ...
 
-    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> ContourScore:
         """Of an edge volume; the scene's scale is the step of the contour [image px].
 

@@ -24,7 +24,7 @@ _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
 
 class Edges(NamedTuple):
-    """An edge volume and a profile as kernels take them.
+    """An evidence volume and a profile as kernels take them.
 
     tensor: (height, width, labels, 3 or 5) float32, as of an EdgeVolume or a ContourMap.
     region: (height, width, labels) float32 evidence of covered pixels [nat / px]; empty: none.
@@ -54,15 +54,15 @@ class Edges(NamedTuple):
     bias: np.float32
 
     @classmethod
-    def from_volume(cls, scene: Scene, edges: EvidenceVolume, profile: ContourProfile) -> 'Edges':
+    def from_volume(cls, scene: Scene, volume: EvidenceVolume, profile: ContourProfile) -> 'Edges':
         """As a scene's contours are judged by."""
         window = scene.window
-        farthest, per_closeness = label_scale(edges.depths)
+        farthest, per_closeness = label_scale(volume.depths)
         widths = np.diff(profile.knots)
-        return cls(np.ascontiguousarray(edges.tensor, np.float32),
-                   np.ascontiguousarray(edges.region, np.float32), window.left, window.top,
-                   window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, edges)),
-                   math.ceil(edges.resolution / window.scale),
+        return cls(np.ascontiguousarray(volume.tensor, np.float32),
+                   np.ascontiguousarray(volume.region, np.float32), window.left, window.top,
+                   window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, volume)),
+                   math.ceil(volume.resolution / window.scale),
                    profile.offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
                    widths.astype(np.float32),
                    (np.diff(profile.tables) / widths).astype(np.float32),
@@ -75,13 +75,13 @@ def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
     return float(inverse[0]), float((len(inverse) - 1) / (inverse[-1] - inverse[0]))
 
 
-def jump_of(scene: Scene, edges: EvidenceVolume) -> float:
+def jump_of(scene: Scene, volume: EvidenceVolume) -> float:
     """The relative difference in 1/z that counts as an occlusion [1].
 
     It is limited: the mean of 1/z has no bound where labels begin at the camera, and from 1 on
     even the outline would be no occlusion.
     """
-    return min(float(_JUMP * scene.model.radius * (1 / edges.depths).mean()), _LARGEST_JUMP)
+    return min(float(_JUMP * scene.model.radius * (1 / volume.depths).mean()), _LARGEST_JUMP)
 
 
 def check_profile(profile: ContourProfile) -> None:

@@ -86,9 +86,9 @@ class Lines(NamedTuple):
     near: float
 
     @classmethod
-    def from_creases(cls, scene: Scene, edges: EvidenceVolume, creases: Creases
+    def from_creases(cls, scene: Scene, volume: EvidenceVolume, creases: Creases
                      ) -> tuple['Lines', Edges]:
-        """Those, and the edges with their profile.
+        """Those, and the volume with their profile.
 
         Raises RenderError for a profile larger than scores are made for.
         """
@@ -98,7 +98,7 @@ class Lines(NamedTuple):
                     np.ascontiguousarray(creases.normals, np.float64), bool(creases.closed),
                     np.array([camera.fx, camera.fy, camera.cx, camera.cy]), window.left,
                     window.top, window.scale, math.ceil(_CLEAR / window.scale), float(scene.near))
-        return lines, Edges.from_volume(scene, edges, creases.profile)
+        return lines, Edges.from_volume(scene, volume, creases.profile)
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,10 @@ class CreasePoints:
         """Whether their evidence counts: their sum is for the pose."""
         return bool(self.points.lengths @ self.points.evidence > 0)
 
-    def evidence(self, edges: EvidenceVolume, shifts: NDArray[np.floating]) -> NDArray[np.float64]:
+    def evidence(self, volume: EvidenceVolume, shifts: NDArray[np.floating]
+                 ) -> NDArray[np.float64]:
         """(n, k) of the points moved along their normals by `shifts` (k,) [nat / px]."""
-        return evidence_across(edges, self.points.pixels, self.points.normals, self.points.depths,
+        return evidence_across(volume, self.points.pixels, self.points.normals, self.points.depths,
                                self.profile, shifts)
 
 

@@ -87,15 +87,15 @@ class ContourExpansion:
     evaluations: number of poses drawn so far. Raises RenderError as scores do.
     """
 
-    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile, step: float,
+    def __init__(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile, step: float,
                  camera: NDArray[np.float64] | None = None) -> None:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
-        self._edges = Edges.from_volume(scene, edges, profile)
+        self._edges = Edges.from_volume(scene, volume, profile)
         self._buffers = Buffers.for_threads(self._drawing)
         threads, pixels = self._buffers.z.shape
         self._found = np.zeros((threads, 2 * pixels), np.int32)
-        pinhole = edges.pinhole
+        pinhole = volume.pinhole
         # Kernels are compiled for each combination of types that they are called with.
         self._pinhole = tuple(map(float, (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)))
         self._camera = camera

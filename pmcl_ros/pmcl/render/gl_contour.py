@@ -162,15 +162,15 @@ class GlContourScore(Closing):
     Raises RenderError when the volume, the window or the profile is larger than this GL can hold.
     """
 
-    def __init__(self, context: GlContext, scene: Scene, edges: EvidenceVolume,
+    def __init__(self, context: GlContext, scene: Scene, volume: EvidenceVolume,
                  profile: ContourProfile, capacity: int = 96,
                  creases: Creases | None = None) -> None:
         check_profile(profile)
         self.evaluations = 0
         self._scene, self._profile = scene, profile
-        self._edges = Edges.from_volume(scene, edges, profile)
+        self._edges = Edges.from_volume(scene, volume, profile)
         self._creases = creases
-        self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
+        self._lines = None if creases is None else Lines.from_creases(scene, volume, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._tensor = _texture(
             context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))

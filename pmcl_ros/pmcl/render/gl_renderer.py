@@ -146,10 +146,10 @@ class GlRenderer:
                 np.divide(1, inverse, out=depths[first:first + len(batch)], where=inverse > 0)
         return depths
 
-    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> GlContourScore:
         """See `Renderer`."""
-        return GlContourScore(self.context, scene, edges, profile, creases=creases)
+        return GlContourScore(self.context, scene, volume, profile, creases=creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume) -> GlLikelihoodScore:
         """See `Renderer`."""

@@ -37,10 +37,10 @@ class NumbaRenderer:
         _draw_all(drawing, _float32(poses), Buffers.for_threads(drawing), inverse)
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
-    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> 'NumbaContourScore':
         """See `Renderer`."""
-        return NumbaContourScore(scene, edges, profile, creases)
+        return NumbaContourScore(scene, volume, profile, creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume
                          ) -> 'NumbaLikelihoodScore':
@@ -53,11 +53,11 @@ class NumbaRenderer:
         likelihoods: compile their scores too.
         """
         scene, edges = tiny_scene()
-        volume = DepthLikelihoodVolume(Header(), edges.tensor[..., 0], edges.depths, edges.pinhole)
         pose = np.eye(4)
         self.depths(scene, pose[None])
         if likelihoods:
-            self.likelihood_score(scene, volume)(pose[None])
+            self.likelihood_score(scene, DepthLikelihoodVolume(
+                Header(), edges.tensor[..., 0], edges.depths, edges.pinhole))(pose[None])
         creases = Creases(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), True,
                           ContourProfile.contrast())
         for each in (None, creases):
@@ -76,17 +76,17 @@ class NumbaRenderer:
 class NumbaContourScore(Closing):
     """See `ContourScore`."""
 
-    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
+    def __init__(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile,
                  creases: Creases | None = None) -> None:
         check_profile(profile)
         self._profile = profile
         self.evaluations = 0
         self._scene, self._drawing = scene, Drawing.from_scene(scene)
-        self._edges = Edges.from_volume(scene, edges, profile)
+        self._edges = Edges.from_volume(scene, volume, profile)
         self._buffers = Buffers.for_threads(self._drawing)
         self._found = np.zeros((len(self._buffers.z), 2 * self._buffers.z.shape[1]), np.int32)
         self._creases = creases
-        self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
+        self._lines = None if creases is None else Lines.from_creases(scene, volume, creases)
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""

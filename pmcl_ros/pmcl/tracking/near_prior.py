@@ -19,18 +19,18 @@ from pmcl_ros.pmcl.sampler import Gaussian
 
 # Distinct poses that are kept: by the rigid contour, after coarse refinement, in the end.
 _LIKELY, _HOPEFUL, _MODES = 16, 8, 2
-_BLUR = 4  # image px: side of a pixel of the edges that the rigid contour is compared with
+_BLUR = 4  # image px: side of a pixel of the volume that the rigid contour is compared with
 _CONTOUR_POINTS = 64  # of the rigid contour
 
 
-def rigid_score(pose: NDArray[np.float64], points: ContourPoints, edges: EvidenceVolume) -> Score:
+def rigid_score(pose: NDArray[np.float64], points: ContourPoints, volume: EvidenceVolume) -> Score:
     """Evidence (n,) of poses (n, 4, 4) by the contour of one (4, 4), moved as a rigid wire."""
-    rigid = RigidContour.from_contour(pose, points, edges.pinhole, _CONTOUR_POINTS)
-    if isinstance(edges, EdgeVolume):
-        blurred: EvidenceVolume = shrunk(edges, _BLUR)
+    rigid = RigidContour.from_contour(pose, points, volume.pinhole, _CONTOUR_POINTS)
+    if isinstance(volume, EdgeVolume):
+        blurred: EvidenceVolume = shrunk(volume, _BLUR)
         profile = ContourProfile.contrast()
     else:
-        blurred, profile = edges.blurred(_BLUR / 2), edges.profile
+        blurred, profile = volume.blurred(_BLUR / 2), volume.profile
     return lambda poses: rigid.evidence(poses, blurred, profile)
 
 

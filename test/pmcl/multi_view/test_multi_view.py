@@ -715,7 +715,7 @@ def test_views_add_up_in_the_frame_of_the_pose(contours):
     # What the second camera sees of the pose, told in its own frame.
     camera = views[1].camera
     own = LocalModel.from_contour(np.linalg.inv(camera) @ pose, BRACKET.symmetry, views[1].points,
-                                  views[1].edges, views[1].profile, None)
+                                  views[1].volume, views[1].profile, None)
     turn = np.kron(np.eye(2), camera[:3, :3])
     np.testing.assert_allclose(turn @ own.gradient, other.gradient)
     np.testing.assert_allclose(turn @ own.information @ turn.T, other.information, rtol=1e-6,
