@@ -15,10 +15,9 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
-from pmcl_ros.pmcl.estimator import Contour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
+from pmcl_ros.pmcl.posterior import Contour, ContourPosterior, Refine, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
@@ -154,7 +153,7 @@ class ContourEvidence:
                                                   creases(pose))
 
         return ContourPosterior(self.model, self.settings, where(self.feasible, score, -np.inf),
-                                local_model_at, linearize_at, self.feasible)
+                                local_model_at, linearize_at, self.feasible, contour)
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are feasible: the prior is uniform on them."""

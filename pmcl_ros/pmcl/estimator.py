@@ -14,7 +14,6 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.student_t import tail_factors
-from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import MODE_EXTENT
@@ -23,13 +22,11 @@ from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
-from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
+from pmcl_ros.pmcl.search import Modes
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import contour_support, share_in_view
 
-LocalModelAt = Callable[[NDArray[np.float64], bool], LocalModel]
-Contour = Callable[[NDArray[np.float64]], ContourPoints]
 Camera = tuple[Pinhole, NDArray[np.float64]]  # and its pose (4, 4)
 
 
@@ -46,12 +43,11 @@ class Thresholds:
     weight: float = 0.0
 
     @classmethod
-    def from_evidence(cls, evidence: EvidenceVolume, profile: ContourProfile,
-                      settings: PmclSettings) -> 'Thresholds':
-        """Of one view; the support is that of the settings where it was chosen."""
-        chosen = 'least_support' in settings.model_fields_set
-        support = settings.least_support if chosen else evidence.least_support
-        return cls(support, profile.least, evidence.least_weight)
+    def from_volume(cls, volume: EvidenceVolume, profile: ContourProfile, support: float | None
+                    ) -> 'Thresholds':
+        """Of one view. support: that is wanted; None: as was learned."""
+        return cls(volume.least_support if support is None else support, profile.least,
+                   volume.least_weight)
 
 
 @dataclass(frozen=True)
@@ -66,68 +62,83 @@ class Estimator:
     settings: PmclSettings
     orientation: Orientation | None = None
 
-    def from_posterior(self, header: Header, views: Sequence[Camera], posterior: Posterior,
-                       local_model_at: LocalModelAt, contour: Contour, least: Thresholds,
-                       rng: np.random.Generator,
-                       share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0,
-                       flat: bool = False, degrees_of_freedom: float = math.inf) -> PoseEstimate:
+    def from_posterior(self, header: Header, cameras: Sequence[Camera], shown: Modes,
+                       posterior: Posterior, least: Thresholds, degrees_of_freedom: float,
+                       rng: np.random.Generator, flat: bool = False) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
-        views: cameras, of which the one that sees most of the object counts. local_model_at: as of
-        `ContourPosterior`. contour: the points of a pose's contour that count; share: their share
-        of it. flat: the prior is uniform. The pose is then the mode's where the mean of the
-        posterior is much less likely. degrees_of_freedom: of the Student's t of the errors.
+        cameras: the one that sees most of the object counts. posterior: the sample of what is
+        shown. degrees_of_freedom: of the Student's t of the errors. flat: the prior is uniform.
+        The pose is then the mode's where the mean of the posterior is much less likely.
         """
-        symmetry, poses = self.model.symmetry, posterior.poses
-        shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
+        symmetry, count = self.model.symmetry, len(posterior.poses)
+        shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / count
         order = np.argsort(-shares, kind='stable')
-        pose, local = self._in_mode(posterior, order[0], local_model_at, flat)
-        ours = symmetry.nearest_equivalents(poses[posterior.own == order[0]], pose)
+        pose, local = self._in_mode(posterior, order[0], shown, flat)
+        ours = symmetry.nearest_equivalents(posterior.poses[posterior.own == order[0]], pose)
         # The model error adds to the uncertainty of the posterior.
         error = local.basis @ local.model_error @ local.basis.T
         spread = symmetry.covariance(ours, pose) + error
-        off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
+        centers = np.stack([each.pose for each in posterior.modes])
+        centers[order[0]] = pose
+        particles = self._with_errors(posterior, pose, centers, error, degrees_of_freedom, rng)
         modes = tuple(PoseMode(
             self._representative(symmetry.canonical_spin(posterior.modes[k].pose)),
             float(shares[k]), posterior.modes[k].local.evidence) for k in order)
         in_view = max(share_in_view(self.model, np.linalg.inv(camera) @ pose, pinhole)
-                      for pinhole, camera in views)
-        support = contour_support(contour(pose), share(pose) * in_view)
+                      for pinhole, camera in cameras)
+        support = contour_support(shown.points_at(pose), shown.share_at(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
         partly = support < least.support
         otherwise = evidence < least.evidence or bool(shares[order[0]] < least.weight)
-        particles = symmetry.nearest_equivalents(retract(poses, off), pose)
-        if math.isfinite(degrees_of_freedom):
-            centers = np.stack([each.pose for each in posterior.modes])
-            centers[order[0]] = pose
-            particles = _with_tails(particles, centers, posterior.own, symmetry,
-                                    degrees_of_freedom, rng)
-        return PoseEstimate(header, pose, spread, particles,
-                            np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            partly or otherwise, self.settings.mode, modes, support,
-                            evidence, incomplete=partly and not otherwise, in_view=in_view,
-                            least_support=least.support, least_evidence=least.evidence,
-                            least_weight=least.weight, degrees_of_freedom=degrees_of_freedom)
+        return PoseEstimate(header, pose, spread, particles, np.full(count, -np.log(count)),
+                            local.evidence, partly or otherwise, self.settings.mode, modes,
+                            support, evidence, incomplete=partly and not otherwise,
+                            in_view=in_view, least_support=least.support,
+                            least_evidence=least.evidence, least_weight=least.weight,
+                            degrees_of_freedom=degrees_of_freedom)
 
-    def _in_mode(self, posterior: Posterior, number: int, local_model_at: LocalModelAt, flat: bool
+    def _in_mode(self, posterior: Posterior, number: int, shown: Modes, flat: bool
                  ) -> tuple[NDArray[np.float64], LocalModel]:
         """The pose (4, 4) that stands for a mode of a posterior, and its local model.
 
-        flat: as of `from_posterior`.
+        shown, flat: as of `from_posterior`.
         """
         symmetry, mode = self.model.symmetry, posterior.modes[number]
         mean = symmetry.mean_pose(posterior.poses[posterior.own == number])
         pose = self._representative(mean)
-        local = local_model_at(pose, True)
+        local = shown.local_model_at(pose, True)
         # The particles of a Gaussian are on average half a nat per degree of freedom less likely
         # than its mean. The mean of several maxima can be less likely than its particles.
         less = posterior.modes[0].local.scale * (mode.local.evidence - local.evidence)
         if flat and less > len(local.gradient) / 2:
             pose = self._representative(symmetry.canonical_spin(mode.pose))
-            local = local_model_at(pose, True)
+            local = shown.local_model_at(pose, True)
         return pose, local
+
+    def _with_errors(self, posterior: Posterior, pose: NDArray[np.float64],
+                     centers: NDArray[np.float64], error: NDArray[np.float64],
+                     degrees_of_freedom: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """(n, 4, 4) particles of a posterior, with the model error (6, 6), near a pose (4, 4).
+
+        With the tails of a Student's t about the centers (k, 4, 4) of its modes.
+        """
+        symmetry, count = self.model.symmetry, len(posterior.poses)
+        off = rng.multivariate_normal(np.zeros(6), error, count, method='eigh')
+        particles = symmetry.nearest_equivalents(retract(posterior.poses, off), pose)
+        if math.isinf(degrees_of_freedom):
+            return particles
+        dimensions = symmetry.tangent_basis(centers[0]).shape[1]
+        factors = tail_factors(count, dimensions, degrees_of_freedom, rng)
+        for number in np.unique(posterior.own):
+            ours = posterior.own == number
+            near = symmetry.nearest_equivalents(particles[ours], centers[number])
+            # As `retract` moves them, so that the spin about an axis of symmetry stays.
+            more = (factors[ours, None] - 1) * symmetry.local(near, centers[number])
+            particles[ours] = retract(particles[ours], more)
+        return particles
 
     def from_prior(self, header: Header, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:
@@ -174,22 +185,3 @@ class Estimator:
             alone = replace(self.orientation, axes=self.orientation.axes[:1])
             inside &= alone.allows(poses[:, :3, :3])
         return symmetry.canonical(poses[inside] if inside.any() else poses)
-
-
-def _with_tails(particles: NDArray[np.float64], centers: NDArray[np.float64],
-                own: NDArray[np.int64], symmetry: Symmetry, degrees_of_freedom: float,
-                rng: np.random.Generator) -> NDArray[np.float64]:
-    """Particles (n, 4, 4) of Gaussians about centers (k, 4, 4), as those of a Student's t.
-
-    own: (n,) the center of each.
-    """
-    dimensions = symmetry.tangent_basis(centers[0]).shape[1]
-    factors = tail_factors(len(particles), dimensions, degrees_of_freedom, rng)
-    made = particles.copy()
-    for number in np.unique(own):
-        ours = own == number
-        near = symmetry.nearest_equivalents(particles[ours], centers[number])
-        # As `retract` moves them, so that the spin about an axis of symmetry stays.
-        more = (factors[ours, None] - 1) * symmetry.local(near, centers[number])
-        made[ours] = retract(particles[ours], more)
-    return made

@@ -21,7 +21,7 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Score
+from pmcl_ros.pmcl.posterior import Posterior, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
@@ -32,7 +32,7 @@ from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch, Stages
+from pmcl_ros.pmcl.search import ContourSearch, Modes, Stages
 from pmcl_ros.pmcl.second_search import is_needed, second_search
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
@@ -105,7 +105,8 @@ class Localizer(Closing):
         self._renderer.use()
         progress = progress or (lambda _: True)
         try:
-            found = self._search(volume, rng, progress, start, watch, feasible)
+            found = self._search(volume, rng, progress, start, watch, feasible,
+                                 self._settings.chosen_support)
             stages = Stages(progress)
             if (start is None and isinstance(volume, EdgeVolume) and volume.other is not None
                     and is_needed(found) and stages.go_on(1.0)):
@@ -114,7 +115,7 @@ class Localizer(Closing):
                 return second_search(
                     found, volume, volume.other, self, lambda other, seen: self._search(
                         other, second, lambda _: stages.go_on(1.0), None, seen, feasible,
-                        second=True), stages, watch)
+                        least_support=None), stages, watch)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -151,20 +152,15 @@ class Localizer(Closing):
                                                 exact.creases).local_model_at
             return local_model_at(poses[values.argmax()], True).scale * values
 
-    def _least(self, volume: EvidenceVolume, evidence: ContourEvidence, second: bool = False
-               ) -> Thresholds:
-        """second: as of `_search`: the user chose for edges."""
-        return Thresholds.from_evidence(volume, evidence.profile,
-                                        PmclSettings() if second else self._settings)
-
     def _evidence(self, volume: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_volume(volume, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
 
     def _search(self, volume: EvidenceVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None,
-                feasible: Feasible | None, second: bool = False) -> PoseEstimate:
-        """second: in other evidence, whose thresholds are its own."""
+                feasible: Feasible | None, least_support: float | None) -> PoseEstimate:
+        """least_support: as of `Thresholds.from_volume`: what was chosen for edges is of no other.
+        """
         self._region.check_depths(volume.depths)
         if not self._warned and (problem := self._region.middle_out_of_view(volume.pinhole)):
             self._warned = True
@@ -187,13 +183,20 @@ class Localizer(Closing):
                                        watch).poses
                 optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
-            estimate = self._estimator.from_posterior(
-                volume.header, [(volume.pinhole, np.eye(4))], sample,
-                search.posterior.local_model_at, exact.points,
-                self._least(volume, evidence, second), rng, flat=True,
-                degrees_of_freedom=evidence.error.degrees_of_freedom)
+            estimate = self._estimate(evidence, search.posterior, sample, least_support, rng,
+                                      flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
+
+    def _estimate(self, evidence: ContourEvidence, shown: Modes, posterior: Posterior,
+                  least_support: float | None, rng: np.random.Generator, flat: bool = False
+                  ) -> PoseEstimate:
+        """As `Estimator.from_posterior`."""
+        volume = evidence.volume
+        return self._estimator.from_posterior(
+            volume.header, [(volume.pinhole, np.eye(4))], shown, posterior,
+            Thresholds.from_volume(volume, evidence.profile, least_support),
+            evidence.error.degrees_of_freedom, rng, flat)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
         """(k, 4, 4) poses where a search begins."""
@@ -229,10 +232,8 @@ class Localizer(Closing):
             if posterior is None:
                 return replace(self._estimator.from_prior(volume.header, prior, particles, rng),
                                mode=FOLLOWED)
-            estimate = self._estimator.from_posterior(
-                volume.header, [(volume.pinhole, np.eye(4))], posterior, search.local_model_at,
-                exact.points, self._least(volume, evidence), rng,
-                degrees_of_freedom=evidence.error.degrees_of_freedom)
+            estimate = self._estimate(evidence, search, posterior,
+                                      self._settings.chosen_support, rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -272,7 +273,11 @@ class Localizer(Closing):
                 points = exact.points(each)
                 return weighted(points, shown(points))
 
-            search = evidence.posterior(exact, contour)
+            def share(each: NDArray[np.float64]) -> float:
+                return float(contour(each).lengths.sum()
+                             / max(exact.points(each).lengths.sum(), 1e-9))
+
+            search = replace(evidence.posterior(exact, contour), share_at=share)
             mode = search.refine(pose)
             points = exact.points(mode.pose)
             rest = LinearizedContour.from_contour(
@@ -284,12 +289,8 @@ class Localizer(Closing):
                 return search.exact(poses) - rest.evidence(off)
 
             posterior = replace(search, exact=partly).sample([mode], rng, lambda _: True)
-            estimate = self._estimator.from_posterior(
-                volume.header, [(volume.pinhole, np.eye(4))], posterior, search.local_model_at,
-                contour, self._least(volume, evidence), rng,
-                lambda each: float(contour(each).lengths.sum()
-                                   / max(exact.points(each).lengths.sum(), 1e-9)),
-                degrees_of_freedom=evidence.error.degrees_of_freedom)
+            estimate = self._estimate(evidence, search, posterior,
+                                      self._settings.chosen_support, rng)
             return replace(estimate, evaluations=exact.evaluations)
 
 

@@ -11,11 +11,13 @@ from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.history import Watch, recorder
 from pmcl_ros.pmcl.local_model import LocalModel, gauss_newton
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.progress import Progress
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Contour = Callable[[NDArray[np.float64]], ContourPoints]
 Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 _REFINEMENTS = 10  # Gauss-Newton steps at most; modes converge in about five
@@ -53,7 +55,8 @@ class ContourPosterior:
 
     exact: evidence of poses, -inf outside the region of interest. local_model_at: the local model
     at a pose; with True also its uncertainty. linearize_at: the evidence near a pose. feasible:
-    whether poses are in the region and satisfy the constraint.
+    whether poses are in the region and satisfy the constraint. points_at: the points of a pose's
+    contour that count; share_at: their share of it.
     """
 
     model: ObjectModel
@@ -62,6 +65,8 @@ class ContourPosterior:
     local_model_at: Callable[[NDArray[np.float64], bool], LocalModel]
     linearize_at: Callable[[NDArray[np.float64]], LinearizedContour]
     feasible: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    points_at: Contour
+    share_at: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode near a pose (4, 4): Gauss-Newton steps on the local model."""

@@ -12,6 +12,7 @@ from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior, Refine
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.runtime.progress import Progress
 
 # Numbers of poses refined by coarse contours, by fine ones, by those of the image, kept, and modes
@@ -36,6 +37,14 @@ class Modes(Protocol):
 
     def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
         """The local model at a pose (4, 4); sure: with its uncertainty."""
+        ...
+
+    def points_at(self, pose: NDArray[np.float64]) -> ContourPoints:
+        """The points of a pose's contour that count."""
+        ...
+
+    def share_at(self, pose: NDArray[np.float64]) -> float:
+        """Their share of all of it."""
         ...
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:

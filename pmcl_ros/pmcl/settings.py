@@ -95,6 +95,11 @@ class PmclSettings(Settings):
         'perturbation about x, y, z [rad]')
 
     @property
+    def chosen_support(self) -> float | None:
+        """`least_support` where it was chosen; None: that of the evidence in use."""
+        return self.least_support if 'least_support' in self.model_fields_set else None
+
+    @property
     def interface(self) -> Interface | None:
         """The surface of the liquid, if there is one."""
         if self.interface_index == 1:

@@ -103,6 +103,10 @@ class JointPosterior:
         """The contour of a pose (4, 4) in all views, with the same nuisances."""
         return self.contours.points(pose, self._known_at(pose).nuisances)
 
+    def share_at(self, pose: NDArray[np.float64]) -> float:
+        """Of the contour of a pose (4, 4) in all views, that of these points."""
+        return self.contours.share(pose)
+
     def nuisances_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k + 1,) of the mode near a pose (4, 4)."""
         return self._known_at(pose).nuisances

@@ -250,10 +250,9 @@ class MultiViewLocalizer(Closing):
         estimate = self._estimator(joint).from_posterior(
             evidence.header, [(view.volume.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
-            sample, posterior.local_model_at, posterior.points_at, least, rng,
-            posterior.contours.share,
-            degrees_of_freedom=(joint.views[0].volume.model_error if posterior.numbers is None
-                                else posterior.numbers).degrees_of_freedom)
+            posterior, sample, least,
+            (joint.views[0].volume.model_error if posterior.numbers is None
+             else posterior.numbers).degrees_of_freedom, rng)
         return replace(estimate, disagreement=apart, beyond=beyond)
 
     def _posterior(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:
@@ -269,12 +268,12 @@ class MultiViewLocalizer(Closing):
         """numbers: None for those of one view. apart: by how much the views disagree. beyond: mean
         evidence beyond the contours."""
         first = joint.views[0]
-        alone = Thresholds.from_evidence(first.volume, first.profile, self._settings)
+        chosen = self._settings.chosen_support
+        alone = Thresholds.from_volume(first.volume, first.profile, chosen)
         if numbers is None:
             return alone
-        chosen = 'least_support' in self._settings.model_fields_set
-        support = (alone.support if chosen
-                   else numbers.needed(joint.independent, apart, beyond, alone.support))
+        support = (numbers.needed(joint.independent, apart, beyond, alone.support)
+                   if chosen is None else chosen)
         return Thresholds(support, numbers.least_evidence, alone.weight)
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64],

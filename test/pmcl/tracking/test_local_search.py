@@ -28,6 +28,10 @@ def aside(*by):
     return pose
 
 
+def no_points(_):
+    raise AssertionError('the search needs no points of a contour')
+
+
 @dataclass(frozen=True)
 class About:
     """The evidence about one mode, as `LinearizedContour`."""
@@ -114,7 +118,7 @@ def test_a_sample_is_prior_times_evidence(more):
     peaks = Peaks(modes)
     posterior = ContourPosterior(
         BRACKET, PmclSettings(), peaks.evidence, lambda pose, _: peaks.nearest(pose).local,
-        lambda pose: About(peaks.nearest(pose)), everywhere)
+        lambda pose: About(peaks.nearest(pose)), everywhere, no_points)
     sample = LocalSearch(peaks.near(everywhere), posterior, 3000).run(
         PRIOR, np.random.default_rng(1))
     assert_sampled(sample, PRIOR)
@@ -128,7 +132,7 @@ def test_evidence_is_scaled_as_about_the_modes_that_are_left():
     peaks = Peaks([near, far])
     posterior = ContourPosterior(
         BRACKET, PmclSettings(), peaks.evidence, lambda pose, _: peaks.nearest(pose).local,
-        lambda pose: About(peaks.nearest(pose)), everywhere)
+        lambda pose: About(peaks.nearest(pose)), everywhere, no_points)
     assert found(peaks) == [1, 0]
     sample = LocalSearch(peaks.near(everywhere), posterior, 3000).run(
         PRIOR, np.random.default_rng(1))
@@ -149,7 +153,7 @@ def test_a_sample_stays_in_the_region():
 
     off = replace(PRIOR, pose=aside(0.03, 0, 0))
     posterior = ContourPosterior(BRACKET, PmclSettings(), exact, lambda *_: mode.local,
-                                 lambda _: About(mode), inside)
+                                 lambda _: About(mode), inside, no_points)
     near = replace(peaks.near(inside), rigid=lambda _: exact)
     sample = LocalSearch(near, posterior, 500).run(off, np.random.default_rng(1))
     assert inside(sample.poses).all()
