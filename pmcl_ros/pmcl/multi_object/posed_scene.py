@@ -132,7 +132,7 @@ class _MatchingPursuit:
         _LOG.info('%s is searched for in the residual evidence of %d objects',
                   localizer.model.name, len(self._there))
         others = self._others(number)
-        found = localizer.localize(self._left, rng, progress, others=others, second=False)
+        found = localizer.candidate(self._left, rng, progress, others)
         # What it shares with the others is no part that is missing: the whole evidence judges.
         modes = np.stack([each.pose for each in found.modes])
         judged = localizer.localize(self._whole, rng, lambda _: progress(1.0), modes,

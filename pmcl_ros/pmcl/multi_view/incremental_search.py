@@ -56,8 +56,8 @@ class IncrementalSearch:
         last, self._last = self._last, None
         found = None
         if last is not None and last.leads_to(evidence):
-            found = self._localizer.localize(evidence, rng, progress,
-                                             near=_poses(last.estimate, rng))
+            found = self._localizer.localize_near(evidence, rng, _poses(last.estimate, rng),
+                                                  progress)
             added = len(evidence.views) - len(last.evidence.views)
             _LOG.info('searched with views added (%d) from the last pose%s', added,
                       ', where it is not: searching the region of interest' if found.lost else '')

@@ -47,11 +47,11 @@ _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
 
 @dataclass(frozen=True)
 class _Request:
-    """What `MultiViewLocalizer.localize` was asked for. also: (k, 4, 4) where to look besides."""
+    """What a search is asked for, as of `MultiViewLocalizer`. also: (k, 4, 4) where besides."""
 
-    start: NDArray[np.float64] | None
-    watch: Watch | None
-    others: OtherObjects | None
+    start: NDArray[np.float64] | None = None
+    watch: Watch | None = None
+    others: OtherObjects | None = None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
 
@@ -77,42 +77,61 @@ class MultiViewLocalizer(Closing):
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None, others: OtherObjects | None = None,
-                 second: bool = True, near: NDArray[np.float64] | None = None) -> PoseEstimate:
+                 watch: Watch | None = None, others: OtherObjects | None = None) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
         that sees the region. others: other objects: it is outside of them, and what they hide of
-        it is not missing. second: try `second_hypothesis` for a lost object. near: (k, 4, 4), in
-        the reference frame, where alone to look: poses by fewer views, say; without the second
-        hypothesis.
+        it is not missing.
         Raises LocalizationError where no view sees the region of interest.
         """
         stages = Stages(progress or (lambda _: True))
-        request = _Request(start, watch, others, near)
-        found = self._localized(evidence, rng, stages, request)
-        used = len(found.fits)
-        if self._numbers is not None or not second:
-            warn_of_unused(evidence, self._settings.roi_center, used, found.estimate.lost)
-            return found.estimate
-        given = evidence
-        if near is None and found.estimate.lost and stages.go_on(1.0):
+        request = _Request(start, watch, others)
+        first = found = self._localized(evidence, rng, stages, request)
+        used = evidence
+        if found.estimate.lost and self._numbers is None and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
-            found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
-                views, rng, ending, replace(request, also=found.modes)))
-        told = warn_of_unused(given, self._settings.roi_center, used, found.estimate.lost)
-        if found.estimate.lost and not told:
-            warn_of_region(given, self._settings.roi_center, self._settings.roi_size,
+            found, used = second_hypothesis(evidence, first, lambda views: self._localized(
+                views, rng, ending, replace(request, also=first.modes)))
+        return self._told(evidence, len(first.fits), found, used)
+
+    def localize_near(self, evidence: ViewsEvidence, rng: np.random.Generator,
+                      near: NDArray[np.float64], progress: Progress | None = None,
+                      watch: Watch | None = None) -> PoseEstimate:
+        """As `localize`, near poses (k, 4, 4) by fewer views alone, in the reference frame."""
+        found = self._localized(evidence, rng, Stages(progress or (lambda _: True)),
+                                _Request(watch=watch, near=near))
+        return self._told(evidence, len(found.fits), found, evidence)
+
+    def candidate(self, evidence: ViewsEvidence, rng: np.random.Generator, progress: Progress,
+                  others: OtherObjects) -> PoseEstimate:
+        """As `localize`, of an object that other evidence judges: this says no more about it."""
+        found = self._localized(evidence, rng, Stages(progress), _Request(others=others))
+        warn_of_unused(evidence, self._settings.roi_center, len(found.fits), found.estimate.lost)
+        return found.estimate
+
+    def _told(self, evidence: ViewsEvidence, seen: int, found: Found, used: ViewsEvidence
+              ) -> PoseEstimate:
+        """What was found, by the surface too where that helps; the log warns of what looks wrong.
+
+        seen: views of the evidence that see the region. used: evidence that it was found in.
+        """
+        lost = found.estimate.lost
+        told = warn_of_unused(evidence, self._settings.roi_center, seen, lost)
+        if self._numbers is not None:  # they are being learned
+            return found.estimate
+        if lost and not told:
+            warn_of_region(evidence, self._settings.roi_center, self._settings.roi_size,
                            self.model.radius)
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
-        if not found.estimate.lost:
+        if not lost:
             warn_of_errors(found.understated)
             if found.scale is not None:
                 warn_of_scale(found.scale)
-        return with_surface(found.estimate, evidence, self.model, self._settings)
+        return with_surface(found.estimate, used, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
                  ) -> dict[int, ContourPoints]:

@@ -123,8 +123,8 @@ def test_near_a_pose_what_it_could_be_mistaken_for_is_tried_too(context, model, 
     with MultiViewLocalizer(model, settings()) as localizer:
         for start in (truth, *starts):
             seen = []
-            estimate = localizer.localize(evidence, np.random.default_rng(0), near=start[None],
-                                          watch=seen.append, second=False)
+            estimate = localizer.localize_near(evidence, np.random.default_rng(0), start[None],
+                                               watch=seen.append)
             off = pose_error(estimate.pose, truth, model.symmetry)
             assert off.translation < 0.0005
             assert off.rotation < np.deg2rad(1)
