@@ -53,7 +53,7 @@ class Deviation:
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis
         terms = ViewTerms.from_view(ViewContour(points, example.volume, profile), pose, basis)
-        moved = np.linalg.solve(common.information, terms.curvatures.sum(axis=0))
+        moved = np.linalg.solve(common.information, terms.contributions.curvatures.sum(axis=0))
         truth = symmetry.nearest_equivalents(example.pose[None], pose)
         return cls(basis.T @ symmetry.local(truth, pose)[0], noise,
                    common.model_error, local.model_error, moved)

@@ -85,13 +85,29 @@ def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.fl
 
 
 @dataclass(frozen=True)
-class ViewTerms:
-    """What one view adds to a local model: sums over its contour, and (m, d) of its points.
+class Contributions:
+    """What each of m points, or stretches, of the contour in one view adds to a local model.
 
-    d: dimensions of the pose's tangent space, and one more where contours can be displaced.
-    gradients: what each point adds to the gradient; curvatures: to the information, before the
-    motion. places: (m, 3) [m] and directions: (m, 3) of the points and their normals, in the frame
-    of the pose. scale: (m,) px / m at the points. sight: (3,) unit, from the camera to the object.
+    gradients: (m, d) to the gradient; curvatures: (m, d) to the information, before the motion.
+    pixels: (m, 2). places: (m, 3) [m] and directions: (m, 3) of the normals, in the frame of the
+    pose. scale: (m,) px / m there. sight: (3,) unit, from the camera to the object.
+    """
+
+    gradients: NDArray[np.float64]
+    curvatures: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+    places: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    sight: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ViewTerms:
+    """What one view adds to a local model: sums over the points of its contour, and these.
+
+    In d unknowns: those of the pose's tangent space, and one more where contours can be displaced.
+    gradient: (d,). information: (d, d), moments: (d, d) as of `LocalModel`, not divided by length.
     """
 
     evidence: float
@@ -99,13 +115,8 @@ class ViewTerms:
     gradient: NDArray[np.float64]
     information: NDArray[np.float64]
     moments: NDArray[np.float64]
-    gradients: NDArray[np.float64]
-    curvatures: NDArray[np.float64]
     points: ContourPoints
-    places: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    sight: NDArray[np.float64]
+    contributions: Contributions
 
     @classmethod
     def from_view(cls, view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64],
@@ -142,39 +153,45 @@ class ViewTerms:
         normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
         focal = np.sqrt(volume.pinhole.fx * volume.pinhole.fy)
         return cls(float(points.lengths @ here) + points.covered, length, gradients.sum(axis=0),
-                   motion.T @ curvatures, motion.T @ (weight * motion), gradients, curvatures,
-                   points, _places(points, volume.pinhole) @ turn.T + place, normals @ turn.T,
-                   focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
+                   motion.T @ curvatures, motion.T @ (weight * motion), points, Contributions(
+                       gradients, curvatures, points.pixels,
+                       _places(points, volume.pinhole) @ turn.T + place, normals @ turn.T,
+                       focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3]))))
 
     def transformed(self, by: NDArray[np.float64]) -> 'ViewTerms':
-        """With gradient and curvature multiplied by a matrix (k, d); k first dimensions remain."""
+        """In k unknowns: gradient and curvature multiplied by a matrix (k, d).
+
+        Of the information, (k, d) then, the first k columns remain.
+        """
+        each = self.contributions
         return replace(self, gradient=by @ self.gradient,
                        information=(by @ self.information)[:, :len(by)],
-                       moments=by @ self.moments @ by.T, gradients=self.gradients @ by.T,
-                       curvatures=self.curvatures @ by.T)
+                       moments=by @ self.moments @ by.T, contributions=replace(
+                           each, gradients=each.gradients @ by.T,
+                           curvatures=each.curvatures @ by.T))
 
-    def stretches(self) -> 'ViewTerms':
-        """With stretches of about `_STRETCH` px in place of points."""
+    def stretches(self) -> Contributions:
+        """Those of stretches of about `_STRETCH` px."""
+        each = self.contributions
         number = np.floor(self.points.along / _STRETCH)
         new = (np.diff(number) != 0) | (np.diff(self.points.piece) != 0)
         first = np.flatnonzero(np.concatenate([[True], new]))
         weight = self.points.lengths[:, None]
         total = np.add.reduceat(weight, first)
         gradients, curvatures = (np.add.reduceat(values, first)
-                             for values in (self.gradients, self.curvatures))
+                             for values in (each.gradients, each.curvatures))
         pixels, places, scale = (np.add.reduceat(weight * values, first) / total for values in (
-            self.points.pixels, self.places, self.scale[:, None]))
-        directions = np.add.reduceat(weight * self.directions, first)
+            each.pixels, each.places, each.scale[:, None]))
+        directions = np.add.reduceat(weight * each.directions, first)
         directions = directions / np.maximum(
             np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-        return replace(self, gradients=gradients, curvatures=curvatures, places=places,
-                       directions=directions, scale=scale[:, 0],
-                       points=replace(self.points, pixels=pixels))
+        return Contributions(gradients, curvatures, pixels, places, directions, scale[:, 0],
+                             each.sight)
 
 
-def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
+def sums_over_pairs(views: Sequence[Contributions], error: ModelError
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(d, d) sums over all pairs of stretches: of `gradients`, of `curvatures`.
+    """(d, d) sums over all pairs of stretches in all views: of `gradients`, of `curvatures`.
 
     Those of `gradients` have the share of noise that is common to both, which falls to 0 at
     `REACH`; those of `curvatures` the covariance of their displacements by the model error.
@@ -195,14 +212,14 @@ def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
     return together + together.T, displaced + displaced.T
 
 
-def pairs_in_image(view: ViewTerms
+def pairs_in_image(view: Contributions
                    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
     """As `pairs`, within one view; distances are those in its image."""
-    pixels, normals = view.points.pixels, view.directions
-    return cdist(pixels, pixels), normals @ normals.T > FACING, np.ones(())
+    normals = view.directions
+    return cdist(view.pixels, view.pixels), normals @ normals.T > FACING, np.ones(())
 
 
-def pairs(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
+def pairs(views: Sequence[Contributions], others: Sequence[Contributions], error: ModelError
           ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
     """Of pairs of stretches: distance [px], whether on one side, alikeness of their views.
 
@@ -217,7 +234,9 @@ def pairs(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelE
 
 
 class _Joined(NamedTuple):
-    """Stretches of several views (n,): number of the view, and as of `ViewTerms`; sights: (v, 3).
+    """Stretches of several views (n,): number of the view, and as of `Contributions`.
+
+    sights: (v, 3).
     """
 
     owner: NDArray[np.int64]
@@ -227,7 +246,7 @@ class _Joined(NamedTuple):
     scale: NDArray[np.float64]
 
 
-def _joined(views: Sequence[ViewTerms]) -> _Joined:
+def _joined(views: Sequence[Contributions]) -> _Joined:
     owner = np.repeat(np.arange(len(views)), [len(each.scale) for each in views])
     return _Joined(owner, np.array([each.sight for each in views]), *(
         np.concatenate([getattr(each, name) for each in views])

@@ -36,7 +36,7 @@ from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, pairs
+from pmcl_ros.pmcl.view_terms import Contributions, ViewContour, ViewTerms, pairs
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
@@ -113,7 +113,7 @@ class _Known:
     pose: NDArray[np.float64]
     basis: NDArray[np.float64]
     scale: float
-    stretches: Sequence[ViewTerms]
+    stretches: Sequence[Contributions]
     information: NDArray[np.float64]
     displaced: NDArray[np.float64]
     share: float
@@ -190,7 +190,7 @@ class _Known:
         return (done * self.share + added) / total if total > _ALIKE else self.share
 
 
-def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
+def _displaced(views: Sequence[Contributions], others: Sequence[Contributions], error: ModelError
                ) -> NDArray[np.float64]:
     """(n, n) covariance by the model error of what views and others add to the gradient.
 

@@ -749,7 +749,7 @@ def test_places_of_one_edge_coincide_in_the_frame_of_the_pose(context):
         with NumbaRenderer().contour_score(scene, each.evidence, each.evidence.profile) as score:
             points = score.points(np.linalg.inv(camera) @ truth)
         view = ViewContour(points, each.evidence, each.evidence.profile, camera=camera)
-        places.append(ViewTerms.from_view(view, truth, np.eye(6)).places)
+        places.append(ViewTerms.from_view(view, truth, np.eye(6)).contributions.places)
     nearest = cdist(*places).min(axis=1)
     assert np.median(nearest) < 0.003
     np.testing.assert_allclose(places[0].mean(axis=0), truth[:3, 3], atol=0.04)
