@@ -9,8 +9,9 @@ from dlv_fields import make_grid, noise_field, planes_field
 
 from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.build import build_volume, warm_up
+from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.dlv.volume import checked_labels, depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import VolumeError
@@ -195,8 +196,23 @@ def test_too_few_labels_for_a_wide_baseline_are_told_once(caplog):
         f'{needed} (it is 9), or near and far closer together']
 
 
-def test_a_volume_that_fits_no_memory_is_refused():
+def test_no_number_of_labels_is_advised_that_cannot_be_set(caplog):
+    grid = make_grid((1, 3), (5000, 100), 0.05, focal=(40_000, 40_000))
+    checked_labels(StereoPairs.from_grid(grid, 3), DlvSettings(near=0.5, far=0.8, labels=9),
+                   grid.pinhole, 'labels')
+    assert 'up to 187.5 px from label to label, more than one: make pixels larger' in caplog.text
+
+
+@pytest.mark.parametrize(('interpolation', 'size'), [('neutral', r'13\.4'), ('phase', r'36\.9')])
+def test_a_volume_that_fits_no_memory_is_refused(interpolation, size):
     grid = make_grid((1, 2), (2000, 2000), 0.0001)
     field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
-    with pytest.raises(VolumeError, match=r'300 labels of 2000x2000 px need 13\.4 GiB, more'):
-        build_volume(field, DlvSettings(labels=300))
+    with pytest.raises(VolumeError, match=f'300 labels of 2000x2000 px need {size} GiB, more'):
+        build_volume(field, DlvSettings(labels=300, interpolation=interpolation))
+
+
+def test_a_part_of_an_image_fits_where_all_of_it_does_not():
+    grid = make_grid((1, 2), (2000, 2000), 0.0001)
+    field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
+    part = build_volume(field, DlvSettings(labels=300, edge_labels=2, crop=(900, 800, 40, 30)))
+    assert part.likelihood.shape == (30, 40, 300)

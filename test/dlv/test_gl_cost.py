@@ -11,6 +11,7 @@ import pytest
 from dlv_fields import make_grid, noise_field, planes_field
 
 from pmcl_ros.dlv import cost, reference
+from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
@@ -162,6 +163,15 @@ def test_the_same_every_time_and_nothing_is_left_behind(gl_cost):
         np.testing.assert_array_equal(make(), first)
     planes = 4 * 49 * 5 * 80 * 80
     assert resident() - before < 10 * planes  # on software GL its memory is this process'
+
+
+def test_nothing_is_left_of_a_volume_that_was_read():
+    field, made = noise_field(make_grid(size=(80, 80))), []
+    options = DlvSettings(labels=100, edge_labels=2, views=3, window=1, back_end='gl')
+    for _ in range(12):
+        size = build_volume(field, options).likelihood.nbytes
+        made.append(resident())
+    assert made[-1] - made[1] < 5 * size
 
 
 def test_another_thread_is_refused(gl_cost):

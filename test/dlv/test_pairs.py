@@ -5,7 +5,7 @@ import pytest
 from dlv_fields import make_grid, noise_field
 
 from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pairs import StereoPairs, gradient_share
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.runtime.errors import VolumeError
@@ -36,6 +36,11 @@ def test_gamma_is_the_share_of_the_horizontal_offset():
     assert gamma[0, 2] == 0
     assert gamma[1, 1] == 0.5
     assert gamma[1, 4] == pytest.approx(2 / 3)
+
+
+def test_exchanged_axes_have_exchanged_shares():
+    shifts = np.array([[0, 0], [1, 2], [-3, 0.5], [0, -1]])  # the first view is straight ahead
+    np.testing.assert_allclose(gradient_share(shifts) + gradient_share(shifts[:, ::-1]), 1)
 
 
 def test_shifts_are_those_of_the_view_grid():

@@ -1,5 +1,8 @@
 """Two layers fitted jointly: found far below a pixel of separation, and only where they are."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dlv_fields import Texture, make_grid, noise_field
@@ -118,11 +121,27 @@ def test_a_volume_with_joint_layers():
     assert np.nanmedian(1 / joint.layers().behind[inside]) == pytest.approx(MIDDLE - 0.1, abs=0.03)
 
 
+def test_views_of_other_exposures_show_the_same_layers():
+    field = layered(0.3, 0.5)
+    gains = np.random.default_rng(2).uniform(0.7, 1.3, field.views.shape[:2]).astype(np.float32)
+    same, other = (fit_superposition(each, SETTINGS) for each in (field, replace(
+        field, views=field.views * gains[..., None, None, None])))
+    for one, two in zip((same.near, same.far, same.share), (other.near, other.far, other.share),
+                        strict=True):
+        np.testing.assert_allclose(two, one, atol=0.01)
+
+
 def test_too_much_is_refused_with_advice():
     grid = make_grid((3, 3), (2000, 1500), 1, focal=(1, 1))
     field = LightField(Header(), np.zeros((3, 3, 1500, 2000, 3), np.float32), grid)
     with pytest.raises(VolumeError, match=r'2000x1500 px at .* a larger stride'):
         fit_superposition(field, DlvSettings(near=0.1, far=0.2))
+    sizes = []
+    for stride in (1, 2):
+        with pytest.raises(VolumeError, match='GiB') as refused:
+            fit_superposition(field, DlvSettings(near=0.01, far=0.2, stride=stride))
+        sizes.append(float(re.search(r'take (.*) GiB', str(refused.value))[1]))
+    assert sizes[0] == pytest.approx(4 * sizes[1], rel=0.01)
 
 
 def test_layers_lie_between_near_and_far():
