@@ -50,6 +50,14 @@ def test_each_picture_gets_the_white_image_of_its_zoom(camera, folder, caplog):
     assert logged == [f'white image: {why}' for why in told]
 
 
+def test_views_have_the_number_and_the_size_that_are_asked_for(camera, folder):
+    calibration, picture = camera().calibration, camera().picture(waves)
+    found = Decoders(calibration, folder, views=5, size=(40, 32)).decode(picture)
+    assert found.views.shape == (5, 5, 32, 40, 3)
+    expected = Decoder(calibration, camera().white(), 5, (40, 32)).decode(picture)
+    np.testing.assert_array_equal(found.views, expected.views)
+
+
 def test_the_decoder_is_made_again_only_for_another_white_image(camera, folder):
     decoders = Decoders(camera().calibration, folder)
     first = decoders.decoder_for(camera(600, focus=1).metadata)
