@@ -318,6 +318,8 @@ def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Un
     information, gradient = linear.information(), linear.gradient()
     boards, corners = gradient.shape[:2]
     covariance = fit.noise * np.linalg.inv(information.sum(axis=(0, 1)))
+    if not (np.diag(covariance) > 0).all():  # singular, but for rounding
+        raise np.linalg.LinAlgError
 
     def spread(counts: NDArray[np.integer]) -> NDArray[np.float64]:
         """(free,) of the steps of resamples; counts (resamples, n, m) of every corner."""

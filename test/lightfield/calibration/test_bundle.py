@@ -63,6 +63,22 @@ def test_a_prediction_is_where_a_ray_goes():
         assert np.allclose(values[:, :2] + values[:, 2:] * [a, b], pixels, atol=1e-9)
 
 
+def test_a_distorted_disparity_is_the_shift_to_the_next_of_small_steps():
+    """The lens displaces what each view sees; the views are a thousandth of a step away."""
+    lens, step = np.array([-0.3, 0.4]), 1e-3
+    values = predict(points(), np.append(CAMERA[:6], lens), vectors())
+    plain = predict(points(), CAMERA, vectors())
+    for axis in (0, 1):
+        ends = []
+        for side in (-step, step):
+            seen = (plain[..., :2] - CAMERA[2:4]) / CAMERA[:2]
+            seen[..., axis] += side * plain[..., 2 + axis] / CAMERA[axis]
+            square = np.square(seen).sum(axis=-1, keepdims=True)
+            ends.append(seen * (1 + lens[0] * square + lens[1] * square ** 2))
+        shift = CAMERA[axis] * (ends[1] - ends[0])[..., axis] / (2 * step)
+        np.testing.assert_allclose(values[..., 2 + axis], shift, rtol=1e-6)
+
+
 def test_bok_s_parameters_are_those_of_his_projection():
     camera = CAMERA.copy()
     k1, k2 = bok_parameters(camera[0], camera[4], 1 / camera[5])

@@ -63,6 +63,7 @@ def test_the_camera_and_the_poses_are_found():
     assert result.calibration.fx == result.calibration.fy
     assert (result.calibration.k1, result.calibration.k2) == (0, 0)
     assert result.calibration.serial == 'A7'
+    assert (result.calibration.zoom, result.calibration.focus) == (600, 700)
     assert result.left_out == ()
 
 
@@ -131,6 +132,17 @@ def test_boards_that_do_not_tell_the_geometry_are_refused():
     """Three times the same pose."""
     with pytest.raises(CalibrationError, match='tilted'):
         plain_calibrator().calibrate(views()[:1] * 3)
+
+
+@pytest.mark.parametrize('distance', [0.4, 0.5])
+def test_boards_that_all_face_the_camera_at_one_distance_are_refused(distance):
+    poses = [pose((0.0, 0.0), turn, distance, middle) for turn, middle in (
+        (0.2, (0, 0)), (-0.2, (0.02, -0.01)), (0.5, (-0.02, 0.01)))]
+    boards = [plain_calibrator().look(str(index), plain().picture(each, index))
+              for index, each in enumerate(poses)]
+    with pytest.raises(CalibrationError, match=r'the boards (determine the focal length to \d+ %|'
+                       'do not separate focal length).*tilted'):
+        plain_calibrator().calibrate(boards)
 
 
 def test_a_folder_is_searched(tmp_path):
