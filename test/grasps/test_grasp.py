@@ -26,6 +26,7 @@ def test_what_is_written_is_read(file, made):
     model, gripper, grasps = GraspFile.read(file)
     assert (model.name, gripper) == ('cup', FETCH)
     assert yaml.safe_load(file.read_text())['object'] == 'meshes/cup.obj'
+    assert '# a cup\n' in file.read_text()
     assert len(grasps) == len(made['cup'])
     for one, other in zip(grasps, made['cup'], strict=True):
         assert (one.name, one.kind) == (other.name, other.kind)
@@ -42,9 +43,22 @@ def test_a_hand_written_file_needs_no_gripper(file):
     np.testing.assert_array_equal(grasp.pose[:3, 2], [1, 0, 0])
 
 
+def test_vectors_that_are_rounded_give_a_rotation(file):
+    file.write_text(yaml.safe_dump({'object': 'meshes/cup.obj', 'grasps': [
+        {'name': 'mine', 'position': [0, 0, 0.05], 'approach': [0.0005, 0.6, -0.8006],
+         'closing': [0.0004, 0.8, 0.5998], 'width': 0.066, 'opening': 0.1}]}))
+    _, _, (grasp,) = GraspFile.read(file)
+    np.testing.assert_allclose(grasp.pose[:3, :3] @ grasp.pose[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(grasp.pose[:3, :3]) == pytest.approx(1)
+    np.testing.assert_allclose(grasp.closing, [0, 0.8, 0.6], atol=2e-3)
+    np.testing.assert_allclose(np.cross(grasp.approach, [0.0005, 0.6, -0.8006]), 0, atol=1e-12)
+
+
 @pytest.mark.parametrize(('change', 'reason'), [
     ({'approach': [0.0, 0, -0.5]}, r"'(\w+)': approach .*unit vectors"),
-    ({'closing': [1.0, 0, 0]}, 'right angle'),
+    ({'approach': [0.0, 0, -1], 'closing': [0, 0.6, 0.8]}, 'right angle'),
+    ({'approach': [0.0, 0, -1], 'closing': [0, 0.6, -0.8]}, 'right angle'),
+    ({'width': 0.08, 'opening': 0.08}, r'width 0\.08 m must be smaller than opening'),
     ({'width': 0.2}, r'width 0\.2 m must be smaller than opening'),
     ({'opening': 0.3}, "larger than the gripper's 0.1 m"),
     ({'name': 'rim_top'}, 'several grasps are called rim_top'),

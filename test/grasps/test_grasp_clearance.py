@@ -52,13 +52,13 @@ def test_the_whole_plane_and_nothing():
     assert rectangle_probability(np.ones(2), -np.ones(2), np.array(0.0)) == 0
 
 
-def physically_clear(grasp, samples, shifts, turns, origin):
+def physically_clear(grasp, samples, shifts, turns, origin, gripper=FETCH):
     """(n,) whether the open gripper meets no sample of an object that is moved, on all its way.
 
     shifts (n, 3) and rotation vectors (n, 3) about `origin`, in the object's frame.
     """
     clear = []
-    boxes = FETCH.boxes(grasp.opening)
+    boxes = gripper.boxes(grasp.opening)
     for shift, turn in zip(shifts, turns, strict=True):
         moved = Rotation.from_rotvec(turn).apply(samples - origin) + origin + shift
         seen = in_grasp_frame(grasp, moved)
@@ -92,21 +92,24 @@ def test_a_gripper_clears_a_glass_as_often_as_told(made, vessels, rooms, mesh_of
     assert told > share - 3 * noise - 0.02
 
 
-def test_no_shift_in_a_rectangle_meets_a_point():
+@pytest.mark.parametrize('gripper', [FETCH, FETCH.model_copy(
+    update={'palm_width': 0.03, 'palm_height': 0.01})], ids=['palm', 'narrow palm'])
+def test_no_shift_in_a_rectangle_meets_a_point(gripper):
     """Of a wall between the fingers, and pegs anywhere about it."""
     rng, grasp, tried = np.random.default_rng(5), Grasp('', 'other', np.eye(4), 0.04, 0.1), 0
     for _ in range(100):
         points = np.concatenate([rng.uniform([0, -.02, -.05], [.1, .02, .05], (30, 3)),
                                  rng.uniform([-.03, -.12, -.07], [.1, .12, .07], (4, 3))])
-        room = Clearance.from_points(grasp, points, FETCH)
+        room = Clearance.from_points(grasp, points, gripper)
+        assert -room.low[..., 1].min() <= gripper.finger_length
         strip, rectangle = np.nonzero((room.low < room.high).all(axis=-1))
         low, high = (
             np.concatenate([each[strip, rectangle][:, ::-1], ends[:, None]], axis=1)
             for each, ends in zip((room.low, room.high), room.strips[strip].T, strict=True))
         shifts = low + 0.999 * rng.random(low.shape) * (high - low)
-        assert physically_clear(grasp, points, shifts, 0 * shifts, np.zeros(3)).all()
+        assert physically_clear(grasp, points, shifts, 0 * shifts, np.zeros(3), gripper).all()
         tried += len(shifts)
-        mirrored = Clearance.from_points(grasp, points * [1, -1, 1], FETCH)
+        mirrored = Clearance.from_points(grasp, points * [1, -1, 1], gripper)
         np.testing.assert_allclose(mirrored.low, np.stack(
             [-room.high[..., 0], room.low[..., 1]], axis=-1), atol=1e-12)
         np.testing.assert_allclose(mirrored.high[..., 1], room.high[..., 1], atol=1e-12)
@@ -141,6 +144,7 @@ def test_shifts_inside_a_box_touch_nothing_and_beyond_it_they_do(made, vessels, 
         model.vertices, trimesh.sample.sample_surface(mesh_of(model), 12000, seed=4)[0]])
     for grasp, room in zip(made['cup'], rooms, strict=True):
         low, high = room.room
+        assert room.least == min(*-low, *high)
         turn = grasp.pose[:3, :3]
         inside = np.array([[y, x, 0] for y in 0.97 * np.array([low[0], 0, high[0]])
                            for x in 0.97 * np.array([low[1], 0])])[:, [1, 0, 2]]
