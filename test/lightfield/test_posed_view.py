@@ -46,6 +46,8 @@ def test_a_rounded_rotation_is_one():
     ({'camera_to_reference': posed(position=(0, np.nan, 0))}, 'is no pose'),
     ({'camera_to_reference': posed(last=(0, 0.123456, 0, 2))}, 'its last row is 0, 0.1235, 0, 2;'),
     ({'camera_to_reference': np.eye(3)}, r'is no pose: its shape is \(3, 3\)'),
+    ({'mask': np.ones((5, 4), bool)}, r'mask is bool of shape \(5, 4\), its picture says bool'),
+    ({'mask': np.ones((4, 5), np.uint8)}, r'mask is uint8 of shape \(4, 5\), .* bool of \(4, 5\)'),
     ({'sigma': (0.001, -0.1)}, 'not negative'), ({'sigma': (np.inf, 0)}, 'finite')])
 def test_what_does_not_fit_is_refused_in_one_line(change, reason):
     values = {'header': Header(), 'picture': PICTURE, 'pinhole': PINHOLE} | change

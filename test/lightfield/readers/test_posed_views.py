@@ -372,12 +372,15 @@ DISTORTED = {'model': 'plumb_bob', 'distortion': [-0.2, 0.03, 0.001, -0.002]}
 
 @pytest.mark.parametrize('camera', [{}, DISTORTED], ids=['pinhole', 'distorted'])
 def test_a_mask_leaves_out_the_pixels_of_its_black_ones(tmp_path, camera):
-    """The picture is bright where the mask is black: what is left of the picture is dark."""
+    """The picture is bright where the mask is black: what is left of the picture is dark.
+
+    Elsewhere the mask is of a dark red: only black is left out.
+    """
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[HEIGHT // 2:, 10:30] = 0
     bright = np.where(mask, 0, 255).astype(np.uint8)
     folder = write(tmp_path, bright, mask='gripper.png', **camera)
-    cv2.imwrite(str(folder / 'gripper.png'), mask)
+    cv2.imwrite(str(folder / 'gripper.png'), mask[..., None] & np.array([0, 0, 3], np.uint8))
     view = read_source(folder)
     assert view.mask.shape == view.picture.shape[:2]
     assert view.picture[view.mask].max() <= 0.6
