@@ -31,7 +31,7 @@ from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.pictures import full_range
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.header import header_from, header_to_message
@@ -108,6 +108,19 @@ class Camera:
             message.data = image.tobytes()
         self.image.publish(message)
         self.user.delivered(self.image)
+
+
+class RectifiedCamera(Camera):
+    """A driver with image_proc. Its camera_info tells of image_raw, too: K and D."""
+
+    topic = 'image_rect'
+
+    def tell(self):
+        message = pinhole_to_message(Header(START, self.frame.name), self.frame.lens.pinhole)
+        message.k[[0, 4]] *= 1.1
+        message.d = [-0.3, 0.1, 0.0, 0.0, 0.0]
+        self.info.publish(message)
+        self.user.delivered(self.info)
 
 
 class CompressedCamera(Camera):
@@ -270,6 +283,21 @@ def test_poses_are_taken_as_the_command_writes_them(tmp_path, user, frames, sett
             each.shoot()
         user.wait(lambda: all(came), 'the views')
     assert equal([each[0] for each in came], sent_by(frames, own))
+
+
+def test_rectified_pictures_are_of_the_pinhole_that_their_camera_info_tells(
+        tmp_path, user, frames, settings):
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'rectified': True}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        cameras = [RectifiedCamera(user, each) for each in frames.values()]
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for each in cameras:
+            each.tell()
+            each.shoot()
+        user.wait(lambda: all(came), 'the views')
+    plain = {name: replace(each, lens=Lens(each.lens.pinhole)) for name, each in frames.items()}
+    assert equal([each[0] for each in came], sent_by(plain, settings))
 
 
 def test_compressed_pictures_are_taken_and_damaged_ones_told(tmp_path, user, frames, settings):

@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
@@ -319,6 +320,29 @@ def test_what_a_mask_leaves_out_is_transparent_in_the_posed_views(tmp_path, user
     assert views[0].encoding == 'rgba16'
     alpha = mosaic_from(views[0])[..., 3]
     np.testing.assert_array_equal(alpha, np.where(mask, 65535, 0))
+
+
+def test_a_rectified_picture_of_12_bits_is_what_is_published(tmp_path, user, frames):
+    """Its camera_info tells of the lens, too, by K and D."""
+    values = 16 * frames[0].image.astype(np.uint16)
+    image, info = image_of(frames[0]), info_of(frames[0])
+    image.encoding, image.step, image.data = 'rgb16', 2 * image.step, values.tobytes()
+    info.k[[0, 4]] *= 1.1
+    info.d = [-0.3, 0.1, 0.0, 0.0, 0.0]
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'rectified': True, 'bits': 12}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        views, infos = (user.listen(kind, topic, qos) for kind, topic, qos in (
+            (Image, 'posed_views', BIG), (CameraInfo, 'posed_views/camera_info', SMALL)))
+        assert robot.ask('take').success
+        for publisher, message in ((robot.info, info), (robot.image, image),
+                                   (robot.pose, pose_of(START, frames[0].pose))):
+            publisher.publish(message)
+            user.delivered(publisher)
+        user.wait(lambda: views and infos, 'the view')
+    assert infos[0].k[0] == pytest.approx(frames[0].lens.pinhole.fx)
+    np.testing.assert_array_equal(mosaic_from(views[0]), full_range(values, 12))
 
 
 def test_a_picture_has_the_camera_info_of_its_stamp_or_the_last_one_before_it(tmp_path, user,
