@@ -284,7 +284,7 @@ class SweepDriver(StageNode):
             text = self._publish()
         except LightFieldError as error:  # the frames are kept: more may mend it
             raise LightFieldError(f'nothing to publish of this sweep yet: {error}') from None
-        self._collecting = self._auto = False
+        self._collecting = False
         self._report_progress()
         self.health.extra['last sweep'] = text
         self.publish_diagnostics()

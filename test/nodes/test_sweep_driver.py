@@ -217,6 +217,9 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert 'frame 1: no camera_info has come' in answer.message
         assert 'frame 12: its pose had not come when the sweep ended' in answer.message
         user.wait(lambda: views and infos and pupils and centres, 'the light field')
+        user.wait(lambda: values('last sweep') == answer.message, 'it to be told')
+        assert values('sweep') == 'none'
+        assert values('left out last').startswith('frame 12: its pose had not come')
 
         found = light_field_from(infos[0], pupils[0], views[0])
         of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
@@ -237,6 +240,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert robot.ask('start').message == 'collecting'
         robot.shoot(frames[0])
         user.wait(lambda: values('views') == '1 of 9', 'one view')
+        assert (values('frames left out'), values('left out last')) == ('0', None)
         refused = robot.ask('finish')
         assert not refused.success
         assert 'nothing to publish of this sweep yet: of 1 frames 1 are good' in refused.message
