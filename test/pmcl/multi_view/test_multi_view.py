@@ -555,6 +555,18 @@ def test_how_far_stated_errors_are_too_small_is_seen_where_views_tell_of_many_mo
     assert understated(np.zeros(30), np.eye(30)) == 1
 
 
+@pytest.mark.parametrize('told', [0.2, 1.0, 1e6])
+@pytest.mark.parametrize('seen', [2.0, 6.0, 20.0])
+def test_of_one_motion_the_factor_is_the_most_likely_one(told, seen):
+    """Views whose information is `told` see the motion `seen`; 4 degrees of freedom are stated."""
+    precision = np.geomspace(1e-4, 1, 100_001)
+    variance = 1 / told + 1 / precision
+    likely = 2 * (np.log(precision) - precision) - (np.log(variance) + seen ** 2 / variance) / 2
+    left = 1 / (told + 1)
+    assert understated(np.array([left * told * seen]), np.array([[left]])) == pytest.approx(
+        precision[likely.argmax()] ** -0.5, rel=1e-3)
+
+
 @pytest.mark.parametrize(('told', 'asked'), [
     (lambda cameras: cameras @ QUARTER_TURN, 'is each picture with its own pose, are these of'),
     (np.linalg.inv, 'are the poses from that frame to the camera? By their inverses 0.')],
