@@ -453,11 +453,16 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
     plan, black = tmp_path / 'plan.yaml', tmp_path / 'black.png'
     cv2.imwrite(str(black), np.zeros((48, 64), np.uint8))
     SweepPlan.from_grid(2, 2, 0.01, BASE, 'base_link').save(plan)
+    views = tmp_path / 'views.yaml'
+    views.write_text(yaml.safe_dump({'frame': 'base_link', 'poses': [BASE.ravel().tolist()]}))
     wrong = [({'near': 2.0}, {'near': 0.3}, 'near 2.0 m must be smaller'),
              ({'plan': '/nowhere.yaml'}, {'plan': ''}, 'there is no /nowhere.yaml'),
              ({'mask': '/nowhere.png'}, {'mask': ''}, 'there is no /nowhere.png'),
              ({'mask': str(black)}, {'mask': ''}, 'the mask is black everywhere'),
-             ({'plan': str(plan), 'fixed_frame': 'map'}, {'fixed_frame': 'base_link'},
+             ({'collect': 'plan'}, {}, 'collect is plan, and plan is empty: set it to'),
+             ({'plan': str(views), 'fixed_frame': 'map'}, {'collect': 'grid'},
+              "views.yaml is in frame 'base_link', the poses are in fixed_frame 'map'"),
+             ({'plan': str(plan)}, {'fixed_frame': 'base_link'},
               "is in frame 'base_link', the poses are in fixed_frame 'map'")]
     if find_spec('tf2_ros') is None:
         wrong.append(({'poses': 'tf'}, {'poses': 'auto'}, 'tf2_ros cannot be imported'))
