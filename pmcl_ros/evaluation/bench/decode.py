@@ -59,8 +59,7 @@ def bench_decode(repeats: int = 9, side: int = 3280) -> Bench:
           'sample': best_ms(lambda: plan.sample(frame, samples), repeats),
           'resample': best_ms(lambda: plan.resample(samples, views), repeats),
           'total': best_ms(decode, repeats)}
-    ms['reference'] = best_ms(lambda: plain_decode(
-        data, _BLACK, _WHITE, light, calibration, decoder.grid), 1)
+    ms['reference'] = best_ms(lambda: plain_decode(data, light, calibration, decoder.grid), 1)
     geometry = (f'{side}x{side} px of 12 bits, packed, to 9x9 views of {extent}x{extent}, '
                 'RGB, float32')
     return Bench(geometry, ms, ms['reference'] / ms['total'],
@@ -98,15 +97,16 @@ def camera_text(side: int) -> str:
                   'whiteBalanceGain': dict.fromkeys(colours, 1.0)}}})
 
 
-def plain_decode(data: bytes, black: float, white: float, light: NDArray[np.float32],
-                 calibration: Calibration, grid: ViewGrid) -> NDArray[np.float32]:
+def plain_decode(data: bytes, light: NDArray[np.float32], calibration: Calibration, grid: ViewGrid
+                 ) -> NDArray[np.float32]:
     """Views (rows, columns, height, width, 3) of a packed picture.
 
     Unpacked; divided by the white image; demosaiced linearly, across the lenslets' borders; read
     at an offset from every lenslet's centre; interpolated along the lattice's rows, then across.
     """
     height, width = light.shape
-    linear = (_unpack(data, width, height) - np.float32(black)) * np.float32(1 / (white - black))
+    linear = _unpack(data, width, height) - np.float32(_BLACK)
+    linear *= np.float32(1 / (_WHITE - _BLACK))
     colours = _demosaic(linear / np.maximum(light, np.float32(DARKEST)))
     lattice = calibration.lattice
     i0, i1, j0, j1 = lattice.index_range(width, height)

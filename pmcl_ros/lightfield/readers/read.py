@@ -124,8 +124,7 @@ def is_light_field(path: Path | str) -> bool:
             or bop.scene_of(path) is not None)
 
 
-def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
-                     header: Header | None = None) -> LightField:
+def read_light_field(path: Path | str, every: int = 1, shrink: int = 1) -> LightField:
     """Read views of known geometry, rectified.
 
     path: an NPZ file as `pmcl decode` writes, or the folder with it (views.npz); a folder of
@@ -133,7 +132,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
         camera's pictures with sweep.yaml (or that file), see `sweep_folder.SweepFolder`; a scene's
         folder of the 4D Light Field Benchmark (parameters.cfg).
     every, shrink: take each `every`-th view, make `shrink` x `shrink` pixels one.
-    header: stamp and frame; by default the stamp is the file's modification time.
+    The stamp is the modification time of `path`.
     Raises LightFieldError or SettingsError saying which file is wrong, and how.
     """
     path, reduction = Path(path), Reduction(every, shrink)
@@ -142,8 +141,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
     if _has_pictures(path):
         raise LightFieldError(f'{path} is of pictures of ordinary cameras, and here a light field '
                               'is needed; localize, report and evaluate take pictures')
-    if header is None:
-        header = Header(stamp_ns=path.stat().st_mtime_ns)
+    header = Header(stamp_ns=path.stat().st_mtime_ns)
     if path.is_dir():
         return _read_folder(path, header, reduction)
     if path.suffix.lower() == _NPZ:

@@ -20,7 +20,7 @@ class Film:
     OpenGL.
     """
 
-    def __init__(self, model: Any, data: Any, size: tuple[int, int] = (480, 360)) -> None:
+    def __init__(self, model: Any, data: Any, size: tuple[int, int]) -> None:
         mj = mujoco()
         try:
             self._renderer = mj.Renderer(model, size[1], size[0])
@@ -42,13 +42,12 @@ class Film:
         self._renderer.update_scene(self._drawn, self._camera)
         return np.array(self._renderer.render())
 
-    def strip(self, states: Sequence[NDArray[np.float64]], count: int = 8) -> NDArray[np.uint8]:
-        """Pictures of so many of the states, evenly chosen, beside each other in two rows."""
-        chosen = np.linspace(0, len(states) - 1, count).round().astype(int)
+    def strip(self, states: Sequence[NDArray[np.float64]]) -> NDArray[np.uint8]:
+        """Pictures of eight of the states, evenly chosen, beside each other in two rows."""
+        chosen = np.linspace(0, len(states) - 1, 8).round().astype(int)
         pictures = [self.picture(states[k]) for k in chosen]
-        half = count // 2
         return np.concatenate([np.concatenate(each, axis=1)
-                               for each in (pictures[:half], pictures[half:2 * half])])
+                               for each in (pictures[:4], pictures[4:])])
 
     def close(self) -> None:
         """Free what OpenGL holds."""

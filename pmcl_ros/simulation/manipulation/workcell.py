@@ -170,7 +170,7 @@ class Workcell:
         for _ in range(round(seconds / STEP)):
             self._step()
 
-    def film(self, size: tuple[int, int] = (480, 360)) -> Film:
+    def film(self, size: tuple[int, int]) -> Film:
         """For pictures of its states; size: width and height [pixels]."""
         return Film(self._model, self._data, size)
 
