@@ -23,7 +23,7 @@ _LARGEST_JUMP = 0.5  # relative, of 1/z; from 1 on nothing would be an occlusion
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
 
-class Edges(NamedTuple):
+class KernelVolume(NamedTuple):
     """An evidence volume and a profile as kernels take them.
 
     tensor: (height, width, labels, 3 or 5) float32, as of an EdgeVolume or a ContourMap.
@@ -54,7 +54,8 @@ class Edges(NamedTuple):
     bias: np.float32
 
     @classmethod
-    def from_volume(cls, scene: Scene, volume: EvidenceVolume, profile: ContourProfile) -> 'Edges':
+    def from_volume(cls, scene: Scene, volume: EvidenceVolume, profile: ContourProfile
+                    ) -> 'KernelVolume':
         """As a scene's contours are judged by."""
         window = scene.window
         farthest, per_closeness = label_scale(volume.depths)
@@ -220,23 +221,23 @@ def region_at(region, x, y, label):  # type: ignore[no-untyped-def]
 
 
 @compiled(inlined=True, inner=True)
-def region_sum(box, z, edges):  # type: ignore[no-untyped-def]
+def region_sum(box, z, volume):  # type: ignore[no-untyped-def]
     """Evidence of the pixels that a z-buffer covers [nat]."""
     total = 0.0
-    if edges.region.shape[0] == 0:
+    if volume.region.shape[0] == 0:
         return total
-    scale = edges.scale
+    scale = volume.scale
     half = 0.5 * (scale - 1)
     stride = box[2] - box[0] + 2 * MARGIN
     for row in range(box[3] - box[1]):
-        y = edges.top + scale * (box[1] + row) + half
+        y = volume.top + scale * (box[1] + row) + half
         first = (row + MARGIN) * stride + MARGIN
         for k in range(box[2] - box[0]):
             closeness = z[first + k]
             if closeness > 0:
-                x = edges.left + scale * (box[0] + k) + half
-                label = np.float32((closeness - edges.farthest) * edges.per_closeness)
-                total += region_at(edges.region, np.float32(x), np.float32(y), label)
+                x = volume.left + scale * (box[0] + k) + half
+                label = np.float32((closeness - volume.farthest) * volume.per_closeness)
+                total += region_at(volume.region, np.float32(x), np.float32(y), label)
     return total * scale * scale
 
 
@@ -273,15 +274,15 @@ def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
 
 
 @compiled(inlined=True, inner=True)
-def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
+def sums(box, z, volume, found):  # type: ignore[no-untyped-def]
     """Evidence and length [image px] of the contour in a z-buffer; found: memory for its pairs."""
-    tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
-    knots, widths, slopes = edges.knots, edges.widths, edges.slopes
-    window = (edges.left, edges.top, edges.scale)
-    farthest, per_closeness = edges.farthest, edges.per_closeness
-    count = find(box, keep, edges.merged, z, found)
+    tensor, offsets, bias, keep = volume.tensor, volume.offsets, volume.bias, volume.keep
+    knots, widths, slopes = volume.knots, volume.widths, volume.slopes
+    window = (volume.left, volume.top, volume.scale)
+    farthest, per_closeness = volume.farthest, volume.per_closeness
+    count = find(box, keep, volume.merged, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
-    total, length = region_sum(box, z, edges), 0.0
+    total, length = region_sum(box, z, volume), 0.0
     last, nx, ny = -1, np.float32(0), np.float32(0)
     for k in range(count):
         near, x, y, closeness = place(found[k], box, window, z)

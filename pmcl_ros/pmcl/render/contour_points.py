@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.contour import (
-    Edges,
+    KernelVolume,
     find,
     is_silhouette,
     normal,
@@ -46,13 +46,13 @@ class ContourPoints:
     covered: float = 0.0
 
     @classmethod
-    def from_zbuffer(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
-                     profile: ContourProfile) -> 'ContourPoints':
+    def from_zbuffer(cls, box: tuple[int, int, int, int], z: NDArray[np.float32],
+                     volume: KernelVolume, profile: ContourProfile) -> 'ContourPoints':
         """Of the contour in a z-buffer (`raster`)."""
         found = np.zeros(2 * len(z), np.int32)
-        found = found[:find(box, edges.keep, edges.merged, z, found)]
+        found = found[:find(box, volume.keep, volume.merged, z, found)]
         order, piece = _followed(found, box[2] - box[0] + 2 * MARGIN)
-        values = _values(found[order], box, z, edges)
+        values = _values(found[order], box, z, volume)
         known = values[:, 5] > 0
         values, piece = values[known].astype(np.float64), piece[known]
         lengths, energies = values[:, 5], values[:, 7:]
@@ -62,7 +62,7 @@ class ContourPoints:
         along = middles - (ends - lengths)[first]
         return cls(values[:, :2], values[:, 2:4], 1 / values[:, 4], lengths, energies,
                    profile.evidence(energies), piece, along, values[:, 6],
-                   float(_covered(box, z, edges)))
+                   float(_covered(box, z, volume)))
 
     def seen_through(self, planes: NDArray[np.floating], image: Pinhole, margin: float
                      ) -> 'ContourPoints':
@@ -98,28 +98,28 @@ class ContourPoints:
 
 
 @compiled()
-def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
+def _values(found, box, z, volume):  # type: ignore[no-untyped-def]
     """(m, 7 + j) x, y, normal, 1/z, length (0 where there is no normal), outer, readings."""
     stride = box[2] - box[0] + 2 * MARGIN
-    values = np.zeros((len(found), 7 + len(edges.offsets)), np.float32)
+    values = np.zeros((len(found), 7 + len(volume.offsets)), np.float32)
     for k in range(len(found)):
-        near, x, y, closeness = place(found[k], box, (edges.left, edges.top, edges.scale), z)
-        nx, ny = normal(near, stride, edges.keep, z)
-        label = np.float32((closeness - edges.farthest) * edges.per_closeness)
+        near, x, y, closeness = place(found[k], box, (volume.left, volume.top, volume.scale), z)
+        nx, ny = normal(near, stride, volume.keep, z)
+        label = np.float32((closeness - volume.farthest) * volume.per_closeness)
         values[k, 6] = is_silhouette(found[k], box, z)
         values[k, 0], values[k, 1], values[k, 4] = x, y, closeness
         values[k, 2], values[k, 3] = nx, ny
         if nx != 0 or ny != 0:
-            values[k, 5] = edges.scale / (abs(nx) + abs(ny))
-        for j in range(len(edges.offsets)):
-            off = edges.offsets[j]
-            values[k, 7 + j] = sample(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
+            values[k, 5] = volume.scale / (abs(nx) + abs(ny))
+        for j in range(len(volume.offsets)):
+            off = volume.offsets[j]
+            values[k, 7 + j] = sample(volume.tensor, x + off * nx, y + off * ny, label, nx, ny)
     return values
 
 
 @compiled()
-def _covered(box, z, edges):  # type: ignore[no-untyped-def]
-    return region_sum(box, z, edges)
+def _covered(box, z, volume):  # type: ignore[no-untyped-def]
+    return region_sum(box, z, volume)
 
 
 @compiled()

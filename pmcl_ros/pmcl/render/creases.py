@@ -21,7 +21,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.render.contour import Edges, check_profile, evidence, sample
+from pmcl_ros.pmcl.render.contour import KernelVolume, check_profile, evidence, sample
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
@@ -87,7 +87,7 @@ class Lines(NamedTuple):
 
     @classmethod
     def from_creases(cls, scene: Scene, volume: EvidenceVolume, creases: Creases
-                     ) -> tuple['Lines', Edges]:
+                     ) -> tuple['Lines', KernelVolume]:
         """Those, and the volume with their profile.
 
         Raises RenderError for a profile larger than scores are made for.
@@ -98,7 +98,7 @@ class Lines(NamedTuple):
                     np.ascontiguousarray(creases.normals, np.float64), bool(creases.closed),
                     np.array([camera.fx, camera.fy, camera.cx, camera.cy]), window.left,
                     window.top, window.scale, math.ceil(_CLEAR / window.scale), float(scene.near))
-        return lines, Edges.from_volume(scene, volume, creases.profile)
+        return lines, KernelVolume.from_volume(scene, volume, creases.profile)
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ class CreasePoints:
 
     @classmethod
     def from_zbuffer(cls, pose: NDArray[np.float32], box: tuple[int, int, int, int],
-                     z: NDArray[np.float32], lines: Lines, edges: Edges, profile: ContourProfile
-                     ) -> 'CreasePoints':
+                     z: NDArray[np.float32], lines: Lines, volume: KernelVolume,
+                     profile: ContourProfile) -> 'CreasePoints':
         """Of a pose (4, 4) whose z-buffer (`raster`) is given: those that are summed."""
-        rows = _rows(pose, box, z, lines, edges)
+        rows = _rows(pose, box, z, lines, volume)
         energies = rows[:, 8:]
         points = ContourPoints(rows[:, :2], rows[:, 2:4], rows[:, 4], rows[:, 5], energies,
                                profile.evidence(energies), rows[:, 6].astype(np.int64),
@@ -136,18 +136,18 @@ class CreasePoints:
 
 
 @compiled(parallel=True)
-def sums_of_images(poses, images, lines, edges, result, portion):  # type: ignore[no-untyped-def]
+def sums_of_images(poses, images, lines, volume, result, portion):  # type: ignore[no-untyped-def]
     """Add to result (n,) what creases say in z-buffers of the whole window, (n, height, width)."""
     _, height, width = images.shape
     for n in rounds(len(poses), portion):
         z = np.full((height + 2 * MARGIN, width + 2 * MARGIN), np.float32(-1))
         z[MARGIN:-MARGIN, MARGIN:-MARGIN] = images[n]
-        said = crease_sum(poses[n], (0, 0, width, height), z.ravel(), lines, edges)
+        said = crease_sum(poses[n], (0, 0, width, height), z.ravel(), lines, volume)
         result[n] += max(said, 0.0)
 
 
 @compiled(inlined=True, inner=True)
-def crease_sum(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
+def crease_sum(pose, box, z, lines, volume):  # type: ignore[no-untyped-def]
     """The evidence [nat] along the creases seen in a z-buffer."""
     total = 0.0
     for k in range(len(lines.ends)):
@@ -155,36 +155,36 @@ def crease_sum(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
         for i in range(count):
             part = (i + 0.5) / count
             x, y, closeness = u + part * du, v + part * dv, first + part * step
-            if not _seen(box, z, x, y, closeness, lines, edges.keep):
+            if not _seen(box, z, x, y, closeness, lines, volume.keep):
                 continue
-            value = edges.bias
-            for j in range(len(edges.offsets)):
-                e = _energy(edges, j, x - lines.left, y - lines.top, nx, ny, closeness)
-                value += evidence(e, edges.knots, edges.widths, edges.slopes[j])
+            value = volume.bias
+            for j in range(len(volume.offsets)):
+                e = _energy(volume, j, x - lines.left, y - lines.top, nx, ny, closeness)
+                value += evidence(e, volume.knots, volume.widths, volume.slopes[j])
             total += length * value
     return total
 
 
 @compiled()
-def _rows(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
+def _rows(pose, box, z, lines, volume):  # type: ignore[no-untyped-def]
     """(n, 8 + j) x, y, normal, depth, length, crease, place along it [px], energies."""
     most = 0
     for k in range(len(lines.ends)):
         most += _line(pose, k, lines)[0]
-    rows = np.zeros((most, 8 + len(edges.offsets)))
+    rows = np.zeros((most, 8 + len(volume.offsets)))
     seen = 0
     for k in range(len(lines.ends)):
         count, u, v, du, dv, first, step, nx, ny, length = _line(pose, k, lines)
         for i in range(count):
             part = (i + 0.5) / count
             x, y, closeness = u + part * du, v + part * dv, first + part * step
-            if not _seen(box, z, x, y, closeness, lines, edges.keep):
+            if not _seen(box, z, x, y, closeness, lines, volume.keep):
                 continue
             row = rows[seen]
             row[0], row[1], row[2], row[3], row[4] = x, y, nx, ny, 1 / closeness
             row[5], row[6], row[7] = length, k, (i + 0.5) * length
-            for j in range(len(edges.offsets)):
-                row[8 + j] = _energy(edges, j, x - lines.left, y - lines.top, nx, ny, closeness)
+            for j in range(len(volume.offsets)):
+                row[8 + j] = _energy(volume, j, x - lines.left, y - lines.top, nx, ny, closeness)
             seen += 1
     return rows[:seen]
 
@@ -267,9 +267,9 @@ def _seen(box, z, x, y, closeness, lines, keep):  # type: ignore[no-untyped-def]
 
 
 @compiled(inlined=True, inner=True)
-def _energy(edges, j, x, y, nx, ny, closeness):  # type: ignore[no-untyped-def]
+def _energy(volume, j, x, y, nx, ny, closeness):  # type: ignore[no-untyped-def]
     """The energy across a crease at an offset of the profile; x, y: in the window [image px]."""
-    mx, my, off = np.float32(nx), np.float32(ny), edges.offsets[j]
-    label = np.float32((closeness - edges.farthest) * edges.per_closeness)
-    return sample(edges.tensor, np.float32(x + edges.left) + off * mx,
-                  np.float32(y + edges.top) + off * my, label, mx, my)
+    mx, my, off = np.float32(nx), np.float32(ny), volume.offsets[j]
+    label = np.float32((closeness - volume.farthest) * volume.per_closeness)
+    return sample(volume.tensor, np.float32(x + volume.left) + off * mx,
+                  np.float32(y + volume.top) + off * my, label, mx, my)

@@ -16,7 +16,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour import (
-    Edges,
+    KernelVolume,
     check_profile,
     evidence,
     find,
@@ -91,7 +91,7 @@ class ContourExpansion:
                  camera: NDArray[np.float64] | None = None) -> None:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
-        self._edges = Edges.from_volume(scene, volume, profile)
+        self._volume = KernelVolume.from_volume(scene, volume, profile)
         self._buffers = Buffers.for_threads(self._drawing)
         threads, pixels = self._buffers.z.shape
         self._found = np.zeros((threads, 2 * pixels), np.int32)
@@ -117,7 +117,7 @@ class ContourExpansion:
         """What `_expand` is called with."""
         if self._camera is not None:
             poses = np.linalg.inv(self._camera) @ poses
-        return (self._drawing, self._buffers, self._edges, self._found, self._pinhole, self._step,
+        return (self._drawing, self._buffers, self._volume, self._found, self._pinhole, self._step,
                 np.array(poses, np.float64, order='C'), made.values, made.lengths, made.gradient,
                 made.information, made.moments)
 
@@ -200,30 +200,30 @@ class GaussNewton:
 
 
 @compiled(parallel=True)
-def _expand(drawing, buffers, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
+def _expand(drawing, buffers, volume, found, camera, step, poses,  # type: ignore[no-untyped-def]
             values, lengths, gradient, information, moments, portion):
     corners, exact, z = own_buffers(buffers, portion[0])
     pairs = borrowed(found[portion[0]])
     for n in rounds(len(poses), portion):
         window = draw(drawing, poses[n].astype(np.float32), corners, exact, z)
-        values[n], lengths[n] = _slopes(window, z, edges, pairs, camera, poses[n, :3, 3], step,
+        values[n], lengths[n] = _slopes(window, z, volume, pairs, camera, poses[n, :3, 3], step,
                                         gradient[n], information[n], moments[n])
 
 
 @compiled(inlined=True, inner=True)
-def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyped-def]
+def _slopes(box, z, volume, found, camera, origin, step,  # type: ignore[no-untyped-def]
             gradient, information, moments):
     """The contour's evidence in a z-buffer [nat], its length [px]; more goes to the last three.
 
     The expansion is that of `local_model.LocalModel`.
     """
-    tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
-    knots, widths, slopes = edges.knots, edges.widths, edges.slopes
-    window = (edges.left, edges.top, edges.scale)
-    count = find(box, keep, edges.merged, z, found)
+    tensor, offsets, bias, keep = volume.tensor, volume.offsets, volume.bias, volume.keep
+    knots, widths, slopes = volume.knots, volume.widths, volume.slopes
+    window = (volume.left, volume.top, volume.scale)
+    count = find(box, keep, volume.merged, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
-    total, length, shown, bend = region_sum(box, z, edges), 0.0, 0.0, 0.0
-    inside = edges.region.shape[0] > 0
+    total, length, shown, bend = region_sum(box, z, volume), 0.0, 0.0, 0.0
+    inside = volume.region.shape[0] > 0
     last, nx, ny = -1, np.float32(0), np.float32(0)
     across = np.zeros(6)
     values = np.zeros(3)
@@ -234,7 +234,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
             nx, ny = normal(near, stride, keep, z)
         if nx == 0 and ny == 0:
             continue
-        label = np.float32((closeness - edges.farthest) * edges.per_closeness)
+        label = np.float32((closeness - volume.farthest) * volume.per_closeness)
         for i in range(3):
             values[i] = bias
             aside = np.float32((i - 1) * step)
@@ -250,7 +250,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
         slope = weight * (values[2] - values[0]) / (2 * step)
         if inside and is_silhouette(found[k], box, z):
             # A silhouette that moves outwards covers more.
-            slope += weight * region_at(edges.region, x, y, label)
+            slope += weight * region_at(volume.region, x, y, label)
         peak = weight * (max(values[1], 0.0) + LEAST_SHOWN)
         shown += peak
         for a in range(6):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
-from pmcl_ros.pmcl.render.contour import Edges, check_profile
+from pmcl_ros.pmcl.render.contour import KernelVolume, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, sums_of_images
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
@@ -168,15 +168,15 @@ class GlContourScore(Closing):
         check_profile(profile)
         self.evaluations = 0
         self._scene, self._profile = scene, profile
-        self._edges = Edges.from_volume(scene, volume, profile)
+        self._volume = KernelVolume.from_volume(scene, volume, profile)
         self._creases = creases
         self._lines = None if creases is None else Lines.from_creases(scene, volume, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._tensor = _texture(
-            context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))
+            context, np.ascontiguousarray(self._volume.tensor.transpose(2, 0, 1, 3)))
         self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
-        judged = self._edges
+        judged = self._volume
         ramps = np.zeros((MOST_KNOTS - 1, 2), np.float32)
         slopes = np.zeros((MOST_OFFSETS, MOST_KNOTS - 1), np.float32)
         offsets = np.zeros(MOST_OFFSETS, np.float32)
@@ -211,7 +211,7 @@ class GlContourScore(Closing):
         """See `ContourScore`."""
         self.evaluations += 1
         return ContourPoints.from_zbuffer((0, 0, *self._scene.window.size), self._drawn(pose),
-                                          self._edges, self._profile)
+                                          self._volume, self._profile)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""

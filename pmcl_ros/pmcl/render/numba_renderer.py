@@ -13,7 +13,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
+from pmcl_ros.pmcl.render.contour import KernelVolume, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
@@ -82,7 +82,7 @@ class NumbaContourScore(Closing):
         self._profile = profile
         self.evaluations = 0
         self._scene, self._drawing = scene, Drawing.from_scene(scene)
-        self._edges = Edges.from_volume(scene, volume, profile)
+        self._volume = KernelVolume.from_volume(scene, volume, profile)
         self._buffers = Buffers.for_threads(self._drawing)
         self._found = np.zeros((len(self._buffers.z), 2 * self._buffers.z.shape[1]), np.int32)
         self._creases = creases
@@ -96,7 +96,7 @@ class NumbaContourScore(Closing):
         """See `ContourScore`."""
         self.evaluations += len(poses)
         result = np.zeros((len(poses), 2))
-        given = self._drawing, _float32(poses), self._buffers, self._edges, self._found
+        given = self._drawing, _float32(poses), self._buffers, self._volume, self._found
         if self._lines is None:
             _contours(*given, result)
         else:
@@ -107,7 +107,7 @@ class NumbaContourScore(Closing):
         """See `ContourScore`."""
         self.evaluations += 1
         with LOCK:
-            points = ContourPoints.from_zbuffer(*self._drawn(pose), self._edges, self._profile)
+            points = ContourPoints.from_zbuffer(*self._drawn(pose), self._volume, self._profile)
         water = self._drawing.water
         if not len(water):
             return points
@@ -177,20 +177,20 @@ def _draw_all(drawing, poses, buffers, inverse, portion):  # type: ignore[no-unt
 
 
 @compiled(parallel=True)
-def _contours(drawing, poses, buffers, edges, found, result, portion):  # type: ignore[no-untyped-def]
+def _contours(drawing, poses, buffers, volume, found, result, portion):  # type: ignore[no-untyped-def]
     corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         box = draw(drawing, poses[n], corners, exact, z)
-        result[n, 0], result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
+        result[n, 0], result[n, 1] = sums(box, z, volume, borrowed(found[portion[0]]))
 
 
 @compiled(parallel=True)
-def _contours_and_creases(drawing, poses, buffers, edges, found,  # type: ignore[no-untyped-def]
+def _contours_and_creases(drawing, poses, buffers, volume, found,  # type: ignore[no-untyped-def]
                           lines, marks, result, portion):
     corners, exact, z = own_buffers(buffers, portion[0])
     for n in rounds(len(poses), portion):
         box = draw(drawing, poses[n], corners, exact, z)
-        total, result[n, 1] = sums(box, z, edges, borrowed(found[portion[0]]))
+        total, result[n, 1] = sums(box, z, volume, borrowed(found[portion[0]]))
         result[n, 0] = total + max(crease_sum(poses[n], box, z, lines, marks), 0.0)
 
 
