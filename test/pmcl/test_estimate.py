@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import local, retract, transform
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraScale
 
 
 def make(lost=False):
@@ -32,6 +33,11 @@ def test_the_dictionary_is_what_the_command_line_promises():
                               'orientation_xyzw': said['orientation_xyzw']}]
     assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
     assert replace(make(), degrees_of_freedom=4.0).as_dict()['degrees_of_freedom'] == 4
+    scale = CameraScale(0.02, 0.005)
+    assert replace(make(), scale=scale).as_dict()['camera_distances'] == {'off': 0.02,
+                                                                          'sigma': 0.005}
+    assert replace(make(), scale=scale).diagnostics()['camera distances off [%]'] == 2
+    assert replace(make(lost=True), scale=scale).as_dict() == make(lost=True).as_dict()
     judged = {'support': 0.5, 'least_support': 0.36, 'evidence': 1.2, 'least_evidence': 1.03,
               'least_weight': 0.95}
     assert judged.items() <= replace(make(), **judged).as_dict().items()

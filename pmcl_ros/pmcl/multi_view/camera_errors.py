@@ -11,6 +11,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 
 CLEARLY_LARGER = 1.5  # factor by which errors are clearly larger than stated
+_FAR_OFF = 2.5  # standard deviations of distances that are clearly wrong
 _FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
 _ITERATIONS = 50
 
@@ -80,6 +81,28 @@ class CameraErrors:
         across = (variance[:, :2].mean(axis=1) / np.square(depths)
                   + variance[:, 3:5].mean(axis=1))
         return np.asarray(focal * np.sqrt(across))
+
+
+@dataclass(frozen=True)
+class CameraScale:
+    """By what share cameras fit an object of known size better that are farther from it.
+
+    sigma: standard deviation of that. An object that is smaller by this share looks the same.
+    """
+
+    share: float
+    sigma: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether they are not where they were reported to be."""
+        return abs(self.share) > _FAR_OFF * self.sigma
+
+    def describe(self) -> str:
+        """By how much, and how sure that is."""
+        off = 'farther apart' if self.share > 0 else 'closer together'
+        return (f'cameras {100 * abs(self.share):.1f} % {off} (standard deviation '
+                f'{100 * self.sigma:.1f})')
 
 
 def understated(motions: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

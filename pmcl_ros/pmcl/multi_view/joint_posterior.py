@@ -17,7 +17,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
-from pmcl_ros.pmcl.multi_view.camera_errors import understated
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraScale, understated
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -31,7 +31,6 @@ from pmcl_ros.runtime.progress import Progress
 _REFINEMENTS = 12  # Gauss-Newton steps at most; poses and nuisances converge in less
 _SAME_POSE = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
-_CLEARLY = 2.5  # standard deviations of distances that are clearly wrong
 _SCALE = 0.03  # of distances: standard deviation of a scale of which little is known
 _CONTOURS = 0.004  # of distances: a contour 120 px across is found a quarter of a pixel off
 
@@ -43,28 +42,6 @@ def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> Learn
     """
     several = len(joint.views) > 1 and isinstance(joint.views[0].volume, ContourMap)
     return (given or learned_views()) if several else None
-
-
-@dataclass(frozen=True)
-class CameraScale:
-    """By what share cameras fit an object of known size better that are farther from it.
-
-    sigma: standard deviation of that. An object that is smaller by this share looks the same.
-    """
-
-    share: float
-    sigma: float
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether they are not where they were reported to be."""
-        return abs(self.share) > _CLEARLY * self.sigma
-
-    def describe(self) -> str:
-        """By how much, and how sure that is."""
-        off = 'farther apart' if self.share > 0 else 'closer together'
-        return (f'cameras {100 * abs(self.share):.1f} % {off} (standard deviation '
-                f'{100 * self.sigma:.1f})')
 
 
 @dataclass(frozen=True)
@@ -131,7 +108,7 @@ class JointPosterior:
         known = self._known_at(pose)
         return self.contours.beyond(known.pose, known.nuisances)
 
-    def scale_near(self, pose: NDArray[np.float64]) -> 'CameraScale':
+    def scale_near(self, pose: NDArray[np.float64]) -> CameraScale:
         """How the mode near a pose (4, 4) fits cameras that are farther apart."""
         known, joint = self._known_at(pose), self.contours.joint
         errors = joint.errors.with_scale(joint.cameras, known.pose[:3, 3], _SCALE)

@@ -129,8 +129,8 @@ class MultiViewLocalizer(Closing):
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         if not lost:
             warn_of_errors(found.understated)
-            if found.scale is not None:
-                warn_of_scale(found.scale)
+            if found.estimate.scale is not None:
+                warn_of_scale(found.estimate.scale)
         return with_surface(found.estimate, used, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -172,11 +172,11 @@ class MultiViewLocalizer(Closing):
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
             understated = posterior.understated_near(estimate.pose)
-            scale = (None if posterior.numbers is None or request.near is not None
-                     else posterior.scale_near(estimate.pose))
+            if posterior.numbers is not None and request.near is None:
+                estimate = replace(estimate, scale=posterior.scale_near(estimate.pose))
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(replace(estimate, evaluations=evaluations).in_frame(joint.first), fits,
-                     joint.first @ modes, shown, understated, scale)
+                     joint.first @ modes, shown, understated)
 
     def _joint(self, evidence: ViewsEvidence, others: OtherObjects | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,

@@ -20,9 +20,8 @@ from pmcl_ros.lightfield.camera_adjustment import (
 )
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
-from pmcl_ros.pmcl.multi_view.joint_posterior import CameraScale
 from pmcl_ros.pmcl.multi_view.view_warnings import SCALE_ADVICE
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 
@@ -41,8 +40,7 @@ class Found:
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
     reference frame. shown: views that show a lost object (`shown_in`). understated: factor
-    by which stated errors of the cameras' poses are too small. scale: of their distances; None:
-    there is one view, or the pose was looked for near others.
+    by which stated errors of the cameras' poses are too small.
     """
 
     estimate: PoseEstimate
@@ -50,7 +48,6 @@ class Found:
     modes: NDArray[np.float64]
     shown: tuple[int, ...]
     understated: float
-    scale: CameraScale | None = None
 
 
 _Search = Callable[[ViewsEvidence], Found]
@@ -65,8 +62,9 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
     found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
     hidden = found.estimate.hidden
     found, rest = _cameras_off(rest, found, search) or (found, rest)
-    if found.estimate.lost and found.scale is not None and found.scale.is_clear:
-        _ask_scale(rest, found.estimate, found.scale, search)
+    scale = found.estimate.scale
+    if found.estimate.lost and scale is not None and scale.is_clear:
+        _ask_scale(rest, found.estimate, scale, search)
     if found.estimate.lost and _is_one_camera(evidence):
         _LOG.warning('lost, and all %d views have the same camera pose: give each picture its own',
                      len(evidence.views))

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
-from pmcl_ros.pmcl.multi_view.joint_posterior import CameraScale
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 
 _LOG = logging.getLogger(__name__)
