@@ -20,6 +20,7 @@ from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraScale
 
 
 class Reader(HTMLParser):
@@ -124,6 +125,14 @@ def test_views_that_were_not_used_are_named(found):
     assert 'views not used' not in page(found)
     hidden = replace(found, estimate=replace(found.estimate, hidden=(1, 3)))
     assert '1, 3' in page(hidden)[page(hidden).index('views not used'):]
+
+
+def test_distances_of_the_cameras_are_told_where_it_is_found(found):
+    off = CameraScale(-0.021, 0.004)
+    text = page(replace(found, estimate=replace(found.estimate, scale=off)))
+    assert '-2.1 ± 0.4 %' in text[text.index('camera distances off'):]
+    lost = replace(found, estimate=replace(found.estimate, scale=off, lost=True))
+    assert 'camera distances off' not in page(found) + page(lost)
 
 
 def test_numbers_of_other_evidence_are_told(found):

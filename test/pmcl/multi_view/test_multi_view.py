@@ -593,13 +593,16 @@ def test_cameras_at_wrong_distances_are_told(context, caplog, model, scale, is_l
     told[:, :3, 3] = MIDDLE + scale * (cameras[:, :3, 3] - MIDDLE)
     evidence = seen_by_others(maps_seen(context, model, truth, cameras), told)
     with caplog.at_level(logging.INFO):
-        assert found(model, evidence).lost == is_lost
+        estimate = found(model, evidence)
+    assert estimate.lost == is_lost
     line, = (each for each in caplog.records if 'standard deviation' in each.message)
     assert line.message.startswith('lost, and found with ' if is_lost
                                    else 'the views fit best with ')
     percent, sigma = map(float, re.findall(r'\d+\.\d', line.message))
     share = percent if 'farther apart' in line.message else -percent
     assert abs(share - 100 * (1 / scale - 1)) < 3 * sigma
+    told = 100 * estimate.scale.share, 100 * estimate.scale.sigma
+    np.testing.assert_allclose((share, sigma), told, atol=0.051)
     assert (line.levelname == 'WARNING') == ('check the scale' in line.message) == (scale != 1)
 
 
