@@ -583,9 +583,9 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
     assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
-@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
-@pytest.mark.parametrize(('scale', 'is_lost'), [(1, False), (0.985, False), (1.015, False),
-                                                (0.96, True), (1.04, True)])
+@pytest.mark.parametrize(('model', 'scale', 'is_lost'), [
+    (CUP, 1, False), (BRACKET, 1, False), (CUP, 0.985, False), (BRACKET, 1.015, False),
+    (CUP, 0.96, True), (BRACKET, 1.04, True)])
 def test_cameras_at_wrong_distances_are_told(context, caplog, model, scale, is_lost):
     """As those of a model that was scaled by a wrong length, about the middle here."""
     truth, cameras = truth_of(model), around([-25, 0, 25])
