@@ -203,7 +203,10 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         _warn_odd(camera, of.cameras[camera].pinhole, why, len(odd) - 1)
     for camera in names:
         warn_distorted(camera, of.cameras[camera].lens)
-    views = tuple(_view(folder, each, of, reduction) for each in of.views)
+    masks = {camera: _mask(folder / of.cameras[camera].mask, of.cameras[camera], reduction)
+             for camera in names if of.cameras[camera].mask}
+    views = tuple(replace(_view(folder, each, of, reduction), mask=masks.get(each.camera))
+                  for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
     if others and of.posed and all(
@@ -264,12 +267,8 @@ def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
 
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
     path = folder / entry.file
-    camera, mask = None if entry.is_light_field else of.cameras[entry.camera], None
-    if camera is None:
-        seen = centre_view(read_npz(path, Header(), reduction))
-    else:
-        seen = _picture(path, entry.camera, camera, of.bits, reduction)
-        mask = _mask(folder / camera.mask, camera, reduction) if camera.mask else None
+    seen = (centre_view(read_npz(path, Header(), reduction)) if entry.is_light_field
+            else _picture(path, entry.camera, of.cameras[entry.camera], of.bits, reduction))
     try:
         stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
                     else round(1e9 * entry.stamp))
@@ -277,7 +276,7 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
             seen, header=Header(stamp_ns, of.reference),
             camera_to_reference=np.array(entry.camera_to_reference).reshape(4, 4),
             sigma=(1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))),
-            group=entry.group, common=entry.common, name=entry.file, mask=mask)
+            group=entry.group, common=entry.common, name=entry.file)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
 
