@@ -56,7 +56,7 @@ class PoseEstimate:
         relative to what the model error of one view lets expect; NaN of one view.
     beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
         one view.
-    scale: by what share the views fit it better with cameras farther apart; None: not looked for.
+    camera_scale: the scale error of the cameras' poses, by its size; None: not looked for.
     hidden: numbers of the views that do not show it there, and were not used.
     cameras: those that it was found with, where it is lost with those given (of the views that
         are used).
@@ -83,7 +83,7 @@ class PoseEstimate:
     least_weight: float = math.nan
     disagreement: float = math.nan
     beyond: float = math.nan
-    scale: CameraScale | None = None
+    camera_scale: CameraScale | None = None
     hidden: tuple[int, ...] = ()
     cameras: AssumedCameras | None = None
     evidence_of: str = ''
@@ -121,8 +121,9 @@ class PoseEstimate:
                    if math.isfinite(self.degrees_of_freedom) else {}),
                 'score': self.score, 'lost': self.lost,
                 **({'why_lost': self._why_lost} if self._why_lost else {}),
-                **({'camera_distances': {'off': self.scale.share, 'sigma': self.scale.sigma}}
-                   if self.scale and not self.lost else {}),
+                **({'camera_scale': {'error': self.camera_scale.error,
+                                     'sigma': self.camera_scale.sigma}}
+                   if self.camera_scale and not self.lost else {}),
                 **({'hidden_views': list(self.hidden)} if self.hidden else {}),
                 **({'evidence_of': self.evidence_of} if self.evidence_of else {}),
                 **{name: value for name in _JUDGED
@@ -143,9 +144,9 @@ class PoseEstimate:
         if math.isfinite(self.disagreement):
             values |= {'disagreement': self.disagreement, 'evidence beyond': self.beyond,
                        'least support': self.least_support}
-        if self.scale and not self.lost:
-            values |= {'camera distances off [%]': 100 * self.scale.share,
-                       'standard deviation of these [%]': 100 * self.scale.sigma}
+        if self.camera_scale and not self.lost:
+            values |= {'camera scale error [%]': 100 * self.camera_scale.error,
+                       'camera scale error, standard deviation [%]': 100 * self.camera_scale.sigma}
         if self.hidden:
             values['hidden views'] = ' '.join(map(str, self.hidden))
         if self.evidence_of:

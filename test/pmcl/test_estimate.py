@@ -34,10 +34,10 @@ def test_the_dictionary_is_what_the_command_line_promises():
     assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
     assert replace(make(), degrees_of_freedom=4.0).as_dict()['degrees_of_freedom'] == 4
     scale = CameraScale(0.02, 0.005)
-    assert replace(make(), scale=scale).as_dict()['camera_distances'] == {'off': 0.02,
-                                                                          'sigma': 0.005}
-    assert replace(make(), scale=scale).diagnostics()['camera distances off [%]'] == 2
-    assert replace(make(lost=True), scale=scale).as_dict() == make(lost=True).as_dict()
+    told = replace(make(), camera_scale=scale).as_dict()
+    assert told['camera_scale'] == {'error': 0.02, 'sigma': 0.005}
+    assert replace(make(), camera_scale=scale).diagnostics()['camera scale error [%]'] == 2
+    assert replace(make(lost=True), camera_scale=scale).as_dict() == make(lost=True).as_dict()
     judged = {'support': 0.5, 'least_support': 0.36, 'evidence': 1.2, 'least_evidence': 1.03,
               'least_weight': 0.95}
     assert judged.items() <= replace(make(), **judged).as_dict().items()

@@ -149,10 +149,10 @@ def _sureness(run: Localization) -> list[Fact]:
         facts.append(Fact('beyond', 'evidence beyond', f'{estimate.beyond:.2f} nat/px',
                           'for other contours than these; the weakest fifth has to reach more '
                           'where it is larger'))
-    if estimate.scale and not estimate.lost:
-        share, sigma = 100 * estimate.scale.share, 100 * estimate.scale.sigma
-        facts.append(Fact('scale', 'camera distances off', f'{share:+.1f} ± {sigma:.1f} %',
-                          'by so much farther apart the views fit an object of its size best'))
+    if estimate.camera_scale and not estimate.lost:
+        error, sigma = 100 * estimate.camera_scale.error, 100 * estimate.camera_scale.sigma
+        facts.append(Fact('scale', 'camera scale error', f'{error:+.1f} ± {sigma:.1f} %',
+                          'with cameras so much farther apart the views fit best'))
     if estimate.evidence_of:
         facts.append(Fact('evidence_of', 'numbers of the', estimate.evidence_of,
                           'edges lose the object or are unsure of it; these numbers are of '

@@ -11,7 +11,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 
 CLEARLY_LARGER = 1.5  # factor by which errors are clearly larger than stated
-_FAR_OFF = 2.5  # standard deviations of distances that are clearly wrong
+_CLEARLY_WRONG = 2.5  # standard deviations of a scale error
 _FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
 _ITERATIONS = 50
 
@@ -85,23 +85,24 @@ class CameraErrors:
 
 @dataclass(frozen=True)
 class CameraScale:
-    """By what share cameras fit an object of known size better that are farther from it.
+    """Scale error of camera poses, by an object of known size that the views see.
 
-    sigma: standard deviation of that. An object that is smaller by this share looks the same.
+    error: by this share the cameras should be farther apart. sigma: its standard deviation. An
+    object that is smaller by this share looks the same.
     """
 
-    share: float
+    error: float
     sigma: float
 
     @property
     def is_clear(self) -> bool:
-        """Whether they are not where they were reported to be."""
-        return abs(self.share) > _FAR_OFF * self.sigma
+        """Whether the scale is wrong."""
+        return abs(self.error) > _CLEARLY_WRONG * self.sigma
 
     def describe(self) -> str:
         """By how much, and how sure that is."""
-        off = 'farther apart' if self.share > 0 else 'closer together'
-        return (f'cameras {100 * abs(self.share):.1f} % {off} (standard deviation '
+        off = 'farther apart' if self.error > 0 else 'closer together'
+        return (f'cameras {100 * abs(self.error):.1f} % {off} (standard deviation '
                 f'{100 * self.sigma:.1f})')
 
 

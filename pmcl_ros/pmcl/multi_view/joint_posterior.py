@@ -109,7 +109,7 @@ class JointPosterior:
         return self.contours.beyond(known.pose, known.nuisances)
 
     def scale_near(self, pose: NDArray[np.float64]) -> CameraScale:
-        """How the mode near a pose (4, 4) fits cameras that are farther apart."""
+        """The scale error of the cameras' poses, by the mode near a pose (4, 4)."""
         known, joint = self._known_at(pose), self.contours.joint
         errors = joint.errors.with_scale(joint.cameras, known.pose[:3, 3], _SCALE)
         freer = replace(self, contours=replace(self.contours, joint=replace(joint, errors=errors)))

@@ -47,13 +47,17 @@ _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
 
 @dataclass(frozen=True)
 class _Request:
-    """What a search is asked for, as of `MultiViewLocalizer`. also: (k, 4, 4) where besides."""
+    """What a search is asked for, as of `MultiViewLocalizer`.
+
+    also: (k, 4, 4) where to look besides. with_scale: whether the cameras' scale is checked.
+    """
 
     start: NDArray[np.float64] | None = None
     watch: Watch | None = None
     others: OtherObjects | None = None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
+    with_scale: bool = False
 
 
 class MultiViewLocalizer(Closing):
@@ -88,7 +92,7 @@ class MultiViewLocalizer(Closing):
         Raises LocalizationError where no view sees the region of interest.
         """
         stages = Stages(progress or (lambda _: True))
-        request = _Request(start, watch, others)
+        request = _Request(start, watch, others, with_scale=self._numbers is None)
         first = found = self._localized(evidence, rng, stages, request)
         used = evidence
         if found.estimate.lost and self._numbers is None and stages.go_on(1.0):
@@ -129,8 +133,8 @@ class MultiViewLocalizer(Closing):
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         if not lost:
             warn_of_errors(found.understated)
-            if found.estimate.scale is not None:
-                warn_of_scale(found.estimate.scale)
+            if found.estimate.camera_scale is not None:
+                warn_of_scale(found.estimate.camera_scale)
         return with_surface(found.estimate, used, self.model, self._settings)
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
@@ -172,8 +176,8 @@ class MultiViewLocalizer(Closing):
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
             understated = posterior.understated_near(estimate.pose)
-            if posterior.numbers is not None and request.near is None:
-                estimate = replace(estimate, scale=posterior.scale_near(estimate.pose))
+            if request.with_scale and posterior.numbers is not None:
+                estimate = replace(estimate, camera_scale=posterior.scale_near(estimate.pose))
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(replace(estimate, evaluations=evaluations).in_frame(joint.first), fits,
                      joint.first @ modes, shown, understated)

@@ -62,7 +62,7 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
     found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
     hidden = found.estimate.hidden
     found, rest = _cameras_off(rest, found, search) or (found, rest)
-    scale = found.estimate.scale
+    scale = found.estimate.camera_scale
     if found.estimate.lost and scale is not None and scale.is_clear:
         _ask_scale(rest, found.estimate, scale, search)
     if found.estimate.lost and _is_one_camera(evidence):
@@ -221,7 +221,7 @@ def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, 
     place = lost.pose[:3, 3]
     moved = [each.camera_to_reference.copy() for each in evidence.views]
     for each in moved:
-        each[:3, 3] += scale.share * (each[:3, 3] - place)
+        each[:3, 3] += scale.error * (each[:3, 3] - place)
     if not search(evidence.with_cameras(AssumedCameras(np.array(moved)))).estimate.lost:
         _LOG.warning('lost, and found with %s: %s', scale.describe(), SCALE_ADVICE)
 

@@ -129,10 +129,10 @@ def test_views_that_were_not_used_are_named(found):
 
 def test_distances_of_the_cameras_are_told_where_it_is_found(found):
     off = CameraScale(-0.021, 0.004)
-    text = page(replace(found, estimate=replace(found.estimate, scale=off)))
-    assert '-2.1 ± 0.4 %' in text[text.index('camera distances off'):]
-    lost = replace(found, estimate=replace(found.estimate, scale=off, lost=True))
-    assert 'camera distances off' not in page(found) + page(lost)
+    text = page(replace(found, estimate=replace(found.estimate, camera_scale=off)))
+    assert '-2.1 ± 0.4 %' in text[text.index('camera scale error'):]
+    lost = replace(found, estimate=replace(found.estimate, camera_scale=off, lost=True))
+    assert 'camera scale error' not in page(found) + page(lost)
 
 
 def test_numbers_of_other_evidence_are_told(found):

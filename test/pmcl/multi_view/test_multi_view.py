@@ -601,7 +601,7 @@ def test_cameras_at_wrong_distances_are_told(context, caplog, model, scale, is_l
     percent, sigma = map(float, re.findall(r'\d+\.\d', line.message))
     share = percent if 'farther apart' in line.message else -percent
     assert abs(share - 100 * (1 / scale - 1)) < 3 * sigma
-    told = 100 * estimate.scale.share, 100 * estimate.scale.sigma
+    told = 100 * estimate.camera_scale.error, 100 * estimate.camera_scale.sigma
     np.testing.assert_allclose((share, sigma), told, atol=0.051)
     assert (line.levelname == 'WARNING') == ('check the scale' in line.message) == (scale != 1)
 
