@@ -40,8 +40,8 @@ from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 
 _LARGEST = 0.14  # m: radius of any generated object
-_FALSE_ALARMS = 0.05  # share of searches without the object that may find one
-_TOO_LITTLE = 0.01  # share of right poses in several views that have too little evidence
+_TOO_LITTLE = 0.05  # share of right poses in one picture that have too little evidence
+_TOO_LITTLE_OF_VIEWS = 0.01  # the same of several views
 # Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
 # pose higher (docs/results/contour_map.md).
@@ -61,13 +61,16 @@ _DIGITS = 2  # of the numbers that are printed and written
               'become evidence instead.')
 @click.option('--posed', is_flag=True, help='Learn what the contour maps of several views say '
               'together instead, from captures of several views each.')
+@click.option('--false-alarms', type=click.FloatRange(0, 1, min_open=True, max_open=True),
+              default=0.05, show_default=True,
+              help='Share of the searches for an object that is not there that may claim it.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
               '--creases: creases.yaml; --map: contour_map_evidence.yaml; --posed: views.yaml), '
               'which is read at start.')
 @FORCE
 def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, posed: bool,
-          out: Path | None, force: bool) -> None:
+          false_alarms: float, out: Path | None, force: bool) -> None:
     """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
 
     Prints the profile across contours, the support and evidence below which an object is lost, and
@@ -83,17 +86,18 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     for capture in captures:
         if not posed and has_posed_views(capture.source):
             raise _has_several(capture)
-    command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
-               f'{" --map" * of_map} --out {out}')
+    command = (f'pmcl learn {folder}{"" if posed else f" --views {views}"} --seed {seed}'
+               f'{" --creases" * creases}{" --map" * of_map}{" --posed" * posed}'
+               f'{"" if creases else f" --false-alarms {false_alarms:g}"} --out {out}')
     if posed:
         numbers_of_views = learned_from(
-            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, _FALSE_ALARMS,
-            _TOO_LITTLE, click.echo)
+            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, false_alarms,
+            _TOO_LITTLE_OF_VIEWS, click.echo)
         if out is not None:
-            numbers_of_views.save(out, f'pmcl learn {folder} --seed {seed} --posed --out {out}')
+            numbers_of_views.save(out, command)
         return
     if of_map:
-        learned = _learn_map_evidence(captures, views, seed)
+        learned = _learn_map_evidence(captures, views, seed, false_alarms)
         if out is not None:
             learned.save(out, command)
         return
@@ -113,53 +117,56 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
         for half in range(2):
             chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
             looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
-        numbers = LearnedContour.make(_fields(profile) | _learn_thresholds(looked), 'the profile')
+        numbers = LearnedContour.make(_fields(profile) | _learn_thresholds(looked, false_alarms),
+                                      'the profile')
     if out is not None:
         numbers.save(out, command)
 
 
-def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
+def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int, false_alarms: float
                         ) -> LearnedMapEvidence:
     """Where contours are found, by searches with the weights; thresholds and errors by others."""
     numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, least_weight=0,
                                  common_error=1, local_error=1, error_length=1)
     first = list(searches(maps_of(captures, views, numbers, 'searches 1 of 2'), None, seed))
-    offset = round(fitted_offset(_claimed(
-        first, Supports.from_searches(first, _LEAST_WEIGHT), _LEAST_WEIGHT)), _DIGITS)
+    supports = Supports.from_searches(first, _LEAST_WEIGHT)
+    offset = round(fitted_offset(_claimed(first, supports.threshold(false_alarms),
+                                          supports.least_evidence(_TOO_LITTLE), _LEAST_WEIGHT)),
+                   _DIGITS)
     click.echo(f'contours are found {offset:+.2f} px outwards')
     numbers = numbers.model_copy(update={'contour_offset': offset})
     looked = searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed)
     return LearnedMapEvidence.make(
         _WEIGHTS | {'contour_offset': offset, 'least_weight': _LEAST_WEIGHT}
-        | _learn_thresholds(list(looked), _LEAST_WEIGHT, of_tails=True), 'the contour map')
+        | _learn_thresholds(list(looked), false_alarms, _LEAST_WEIGHT, of_tails=True),
+        'the contour map')
 
 
-def _claimed(looked: Sequence[Search], supports: Supports, least_weight: float
+def _claimed(looked: Sequence[Search], least: float, evidence: float, least_weight: float
              ) -> list[Deviation]:
-    """Of right poses, by the thresholds that these searches teach."""
-    least, evidence = supports.threshold(_FALSE_ALARMS), supports.least_evidence(_FALSE_ALARMS)
+    """Of right poses, by these thresholds."""
     return [each.deviation for each in looked if each.deviation is not None
             and each.support >= least and each.evidence >= evidence
             and each.weight >= least_weight]
 
 
-def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0, of_tails: bool = False
-                      ) -> dict[str, float]:
+def _learn_thresholds(looked: Sequence[Search], false_alarms: float, least_weight: float = 0.0,
+                      of_tails: bool = False) -> dict[str, float]:
     """Print and return the least support, the least evidence and the model's error.
 
     of_tails: and the degrees of freedom of the errors of poses.
     """
     supports = Supports.from_searches(looked, least_weight)
-    least = supports.threshold(_FALSE_ALARMS)
+    least = supports.threshold(false_alarms)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
     click.echo('support of objects that are elsewhere: '
                f'{np.sort(supports.elsewhere).round(2).tolist()}')
-    click.echo(f'least support {least:.2f}, at {100 * _FALSE_ALARMS:.0f} % false alarms; '
+    click.echo(f'least support {least:.2f}, at {100 * false_alarms:g} % false alarms; '
                f'{100 * supports.missed(least):.0f} % of what is there has less')
-    evidence = supports.least_evidence(_FALSE_ALARMS)
+    evidence = supports.least_evidence(_TOO_LITTLE)
     click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
-    click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
-    deviations = _claimed(looked, supports, least_weight)
+    click.echo(f'least evidence {evidence:.2f}: {100 * _TOO_LITTLE:.0f} % of them have less')
+    deviations = _claimed(looked, least, evidence, least_weight)
     error = fitted_error(deviations)
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
     squares = [each.square(error.common, error.local) for each in deviations]
