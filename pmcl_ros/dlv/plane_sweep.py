@@ -7,6 +7,7 @@ likelihoods, is the same.
 
 import logging
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,8 +42,9 @@ def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: i
 
     reference: number of that view; None: the `central` one. All views are compared with it,
     whatever the settings' `views` says, and count alike. A view that does not see a pixel's point
-    at some labels, since it is behind the camera or out of the picture, says nothing there: it
-    adds the mean cost of those at which it sees it. The header's frame is named after the view;
+    at some labels, since it is behind the camera, out of the picture or masked, says nothing
+    there: it adds the mean cost of those at which it sees it. Masked pixels of the reference view
+    say nothing; their own likelihoods are 0. The header's frame is named after the view;
     `camera` says where it is. level: of the log's line that labels are few.
     Raises VolumeError when there is one view only, the volume would be too large, or the settings
     ask for what only light fields have: interpolation phase, layers joint, back_end gl. Logs a
@@ -98,6 +100,8 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
            pairs.homographies(depths), taps, weights, limits.astype(np.float32),
            settings.color_cost == 'l2', half, (rows.start, rows.stop),
            (columns.start, columns.stop), single, likelihood)
+    if pairs.reference.mask is not None:
+        likelihood[~pairs.reference.mask[np.ix_(pairs.pixels.rows, pairs.pixels.columns)]] = 0
     return likelihood
 
 
@@ -112,11 +116,18 @@ def _centre(reference: PosedView, lattice: PixelGrid, smooth: bool) -> NDArray[n
 
 def _channels(view: PosedView, smooth: bool) -> NDArray[np.float32]:
     """(height + 2 TAPS, width + 2 TAPS, 5) of `matching_planes`: as of a light field of one view.
+
+    NaN where they are made from masked pixels: the cost of what is sampled there is NaN, and no
+    cost.
     """
     width, height = view.pinhole.width, view.pinhole.height
     field = LightField.of_one_view(view.header, view.linear(), view.pinhole)
     planes = matching_planes(field, np.empty((0, 2), np.int64), (0, 0, width, height), smooth)[0]
-    return np.ascontiguousarray(planes[:, :, :width + 2 * TAPS].swapaxes(1, 2))
+    channels = np.ascontiguousarray(planes[:, :, :width + 2 * TAPS].swapaxes(1, 2))
+    if view.mask is not None:
+        masked = cv2.dilate((~view.mask).astype(np.uint8), np.ones((2 * HALO + 1,) * 2, np.uint8))
+        channels[TAPS:-TAPS, TAPS:-TAPS][masked > 0] = np.nan
+    return channels
 
 
 @compiled(parallel=True)
@@ -167,7 +178,7 @@ def _add(costs, margin, out):  # type: ignore[no-untyped-def]
     zero = np.float32(0)
     mean, seen = np.zeros((2, costs.shape[1]), np.float32)
     for row in costs:
-        for x in range(len(row)):
+        for x in range(len(row)):  # of a masked pixel it is NaN, which is not >= 0
             mean[x] += row[x] if row[x] >= zero else zero
             seen[x] += np.float32(1) if row[x] >= zero else zero
     last = out[len(costs), margin:]

@@ -227,6 +227,42 @@ def test_a_view_that_sees_nothing_says_nothing(caplog):
     assert not nothing.likelihood.any()
 
 
+def masked_views(seed, masks):
+    """Views of a plane with noise where masks (height, width) are False."""
+    noise = np.random.default_rng(seed).random((PINHOLE.height, PINHOLE.width, 3), np.float32)
+    views = views_of([on_arc(each) for each in ARC], [np.array([0.6, 0.2, 1.0]) / 0.62])
+    return PosedViews(tuple(
+        replace(view, picture=np.where(mask[..., None], view.picture, noise), mask=mask)
+        for view, mask in zip(views.views, masks, strict=True)))
+
+
+@pytest.mark.parametrize('interpolation', ['neutral', 'bilinear'])
+def test_masked_pixels_say_nothing(interpolation):
+    """Neither those of the reference view nor those of the others, whatever they show."""
+    masks = np.ones((len(ARC), PINHOLE.height, PINHOLE.width), bool)
+    masks[:, 40:, 30:60] = False
+    masks[1, :, :50] = False
+    settings = DlvSettings(**ENDS, labels=15, interpolation=interpolation, window=5)
+    one, other = (build_volume_of_views(masked_views(seed, masks), settings) for seed in (0, 1))
+    np.testing.assert_array_equal(one.likelihood, other.likelihood)
+    assert not one.likelihood[~masks[2]].any()
+    plain = build_volume_of_views(masked_views(0, np.ones_like(masks)), settings)
+    far = np.s_[:32, 68:]  # from what masks hide in the reference view
+    assert one.likelihood[far].any(axis=2).mean() > 0.9
+    off = np.abs(one.likelihood.argmax(axis=2) - plain.likelihood.argmax(axis=2))[far]
+    assert (off <= 1).mean() > 0.9
+
+
+def test_a_view_that_is_masked_all_over_is_as_none():
+    masks = np.ones((len(ARC), PINHOLE.height, PINHOLE.width), bool)
+    masks[[0, 4]] = False
+    settings = DlvSettings(**ENDS, labels=9)
+    found = build_volume_of_views(masked_views(0, masks), settings, 2)
+    views = masked_views(0, np.ones_like(masks)).views
+    expected = build_volume_of_views(PosedViews(views[1:4]), settings, 1)
+    np.testing.assert_allclose(found.likelihood, expected.likelihood, atol=1e-7)
+
+
 def test_the_reference_view_is_the_central_one():
     cameras = [on_arc(each) for each in (30, -28, 3, 15, -14)]
     views = views_of(cameras, [np.array([0, 0, 2.0])])

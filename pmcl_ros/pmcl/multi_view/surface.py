@@ -60,6 +60,7 @@ class SurfaceDepth:
                       distance + 2 * model.radius)
         depth = NumbaRenderer().depths(scene, pose[None])[0]
         shown = (depth > 0) & (depth < volume.depths[0]) & (depth > volume.depths[-1])
+        shown &= volume.likelihood.any(axis=2)  # else it is masked, or out of all other views
         if not shown.any():
             return None
         label = float(inverse[1] - inverse[0])

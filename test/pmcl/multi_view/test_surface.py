@@ -103,6 +103,28 @@ def test_a_textured_surface_corrects_the_depth(seen, farther):
     assert after.modes[1] is before.modes[1]
 
 
+def test_what_is_masked_says_nothing_of_the_depth(seen):
+    """A patterned finger at the same place in all pictures is far away, by its disparity."""
+    model, truth, evidence = seen
+    column = int(PINHOLE.project(truth_before_cameras()[None, :3, 3])[0, 0])
+    covered = np.zeros((PINHOLE.height, PINHOLE.width), bool)
+    covered[:, :column] = True
+    finger = np.random.default_rng(2).random((*covered.shape, 3), np.float32)
+
+    def gripped(masked):
+        views = tuple(replace(each.view, mask=~covered if masked else None, picture=np.where(
+            covered[..., None], finger, each.view.picture)) for each in evidence.views)
+        return evidence_of(PosedViews(views))
+
+    sight = BASE[:3, :3] @ truth_before_cameras()[:3, 3]
+    sight /= np.linalg.norm(sight)
+    start = retract(truth, np.concatenate([0.003 * sight, np.zeros(3)])[None])[0]
+    before = estimate_at(start, model)
+    assert with_surface(before, gripped(masked=False), model, SETTINGS) is before
+    after = with_surface(before, gripped(masked=True), model, SETTINGS)
+    assert abs((after.pose - truth)[:3, 3] @ sight) < 0.3 * 0.003
+
+
 def test_what_says_nothing_changes_nothing(seen, caplog):
     caplog.set_level(logging.INFO)
     model, truth, evidence = seen
