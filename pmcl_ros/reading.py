@@ -21,8 +21,8 @@ _LOG = logging.getLogger(__name__)
 class Reading:
     """How a source is read.
 
-    every, shrink, metric: as of `read_source`. bag: how images with poses of a bag become views.
-    errors: of the poses of posed views, in place of those that the source states.
+    every, shrink, metric, masks: as of `read_source`. bag: how images with poses of a bag become
+    views. errors: of the poses of posed views, in place of those that the source states.
     """
 
     every: int = 1
@@ -30,6 +30,7 @@ class Reading:
     metric: Metric | None = None
     bag: BagViews | None = None
     errors: PoseErrors | None = None
+    masks: Path | None = None
 
     @property
     def reduction(self) -> Reduction:
@@ -38,7 +39,7 @@ class Reading:
 
     def read(self, path: Path) -> Source:
         """Read what is no bag. Raises as `read_source`."""
-        found = read_source(path, self.every, self.shrink, self.metric)
+        found = read_source(path, self.every, self.shrink, self.metric, self.masks)
         return self.stated(found, path) if isinstance(found, PosedViews) else found
 
     def read_bag(self, path: Path) -> RawFrame | Source:

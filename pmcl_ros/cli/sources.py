@@ -59,6 +59,9 @@ _OF_READING = (
     click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
                  metavar='NAME NAME METRES', help='For a COLMAP model, in place of '
                  '--scale: two pictures, and the distance between their cameras.'),
+    click.option('--masks', type=click.Path(exists=True, path_type=Path), metavar='PATH',
+                 help='For a COLMAP model: folder with the mask NAME.png of each picture NAME, or '
+                 'a picture that is the mask of all. What is black there is no evidence.'),
     click.option('--image-topic', metavar='TOPIC', help="For a robot's bag: "
                  + (BagViews.model_fields['image_topic'].description or '')),
     click.option('--pose-topic', metavar='TOPIC', help="For a robot's bag: "
@@ -97,6 +100,7 @@ class GivenReading:
     shrink: int = 1
     scale: float | None = None
     distance: tuple[str, str, float] | None = None
+    masks: Path | None = None
     image_topic: str | None = None
     pose_topic: str | None = None
     collect: Path | None = None
@@ -111,15 +115,16 @@ class GivenReading:
         """
         if self.scale is not None and self.distance is not None:
             raise click.UsageError('--scale and --distance say the same: give one')
-        if (self.scale or self.distance) is not None and not any(map(is_colmap, sources)):
-            raise click.UsageError(f'{where} no COLMAP model: --scale and --distance are for '
-                                   'COLMAP models')
+        of_colmap = any(each is not None for each in (self.scale, self.distance, self.masks))
+        if of_colmap and not any(map(is_colmap, sources)):
+            raise click.UsageError(f'{where} no COLMAP model: --scale, --distance and --masks are '
+                                   'for COLMAP models')
         bag = self._bag_views()
         if bag is not None and not any(map(is_bag, sources)):
             raise click.UsageError(f'{where} no bag: --image-topic, --pose-topic and --collect '
                                    'are for bags')
         return Reading(self.every, self.shrink, Metric(self.scale, self.distance), bag,
-                       self._errors())
+                       self._errors(), self.masks)
 
     def _bag_views(self) -> BagViews | None:
         """How images with poses of a bag are read, where that is said."""

@@ -12,8 +12,9 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.geometry.transform_tree import TransformTree
+from pmcl_ros.lightfield.masks import read_mask
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.pictures import full_range, read_mask
+from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings, check_mounted
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -167,6 +168,29 @@ def test_a_colmap_model_and_a_robot_s_bag_are_evaluated_as_the_views(capture, tm
         np.testing.assert_allclose(colmap, own, rtol=1e-3, atol=1e-3)
 
 
+def test_what_masks_of_a_colmap_model_cover_does_not_count(capture, expected, tmp_path):
+    """A finger before the left half of the glass in one picture, the right half in the other."""
+    folder, masks, covered = tmp_path / 'colmap', tmp_path / 'masks', []
+    truth = Truth.load(capture / 'truth.json').pose[:3, 3]
+    masks.mkdir()
+    for number, view in enumerate(read_source(capture).views):
+        into = np.linalg.inv(view.camera_to_reference)
+        x, y = view.pinhole.project(into[None, :3, :3] @ truth + into[:3, 3])[0].astype(int)
+        finger = np.zeros(view.picture.shape[:2], bool)
+        finger[y - 25:y + 25, slice(x) if number == 0 else slice(x, None)] = True
+        covered.append(replace(view, picture=np.where(finger[..., None], np.float32(0.9),
+                                                      view.picture)))
+        wider = cv2.dilate(finger.astype(np.uint8), np.ones((7, 7), np.uint8))
+        cv2.imwrite(str(masks / f'{number}.png.png'), 255 * (1 - wider))
+    colmap_model(folder, covered, 2.5)
+    asked = folder, capture, '--object', capture / 'model.obj', '--scale', 2.5
+    assert localized(*asked)['lost']
+    found = localized(*asked, '--masks', masks)
+    assert not found['lost']
+    np.testing.assert_allclose(found['position'], truth, atol=0.002)
+    assert found['evidence'] > 0.8 * expected['evidence']
+
+
 def test_the_scale_of_a_colmap_model_is_asked_for_where_it_loses_the_object(
         capture, tmp_path, caplog):
     folder, views = tmp_path / 'colmap', read_source(capture).views
@@ -186,7 +210,7 @@ def results(folder):
 
 
 @pytest.mark.parametrize(('more', 'reason'), [
-    (('--scale', 2), 'has no COLMAP model: --scale and --distance'),
+    (('--scale', 2), 'has no COLMAP model: --scale, --distance and --masks'),
     (('--pose-topic', '/tf'), 'has no bag: --image-topic'),
     (('--common', 0.5), 'give these too')])
 def test_options_of_reading_without_effect_are_refused(capture, more, reason):

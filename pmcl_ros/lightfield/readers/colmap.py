@@ -1,8 +1,9 @@
 """COLMAP's text models as posed views: cameras.txt and images.txt.
 
-Formats: colmap.github.io/format.html. A model has no metric scale.
+Formats: colmap.github.io/format.html. A model has no metric scale, and names no masks.
 """
 
+import logging
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,9 +17,11 @@ from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
 from pmcl_ros.runtime.errors import LightFieldError
 
+_LOG = logging.getLogger(__name__)
 _FRAME = 'colmap'  # of the poses of a model
 _CAMERAS, _IMAGES = 'cameras.txt', 'images.txt'
 _PLACES = ('', 'sparse/0', 'sparse')  # of a model in the folder of a project
+_PNG = '.png'
 _MOST_BYTES = 2 ** 28  # of images.txt, which lists all points too
 # Parameters of a model: of the camera matrix, then the distortion in OpenCV's order.
 _MODELS = {
@@ -59,10 +62,11 @@ def is_binary(path: Path) -> bool:
     return any((path / each / Path(_IMAGES).with_suffix('.bin')).is_file() for each in _PLACES)
 
 
-def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
+def load(path: Path, metric: Metric | None, masks: Path | None = None) -> tuple[ViewsFile, Path]:
     """The views of a model, and the folder that their files are relative to.
 
-    path: of the project, or of the model in it. The reference frame, `colmap`, is that of the
+    path: of the project, or of the model in it. masks: the folder of COLMAP's mask_path, or the
+    picture of its camera_mask_path. The reference frame, `colmap`, is that of the
     model, in metres. Raises LightFieldError saying what is wrong, and without a metric scale.
     """
     folder = model_folder(path)
@@ -77,9 +81,27 @@ def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
         pose[:3, 3] *= scale
         views.append({'file': each.name, 'camera': each.camera,
                       'camera_to_reference': pose.ravel().tolist()})
+    if masks is not None:
+        _add_masks(masks.absolute(), cameras, views)
     found = ViewsFile.make({'cameras': cameras, 'views': views, 'reference': _FRAME},
                            str(folder))
     return found, _pictures(path, folder, images)
+
+
+def _add_masks(masks: Path, cameras: dict[str, dict[str, Any]], views: list[dict[str, Any]]
+               ) -> None:
+    """Give each picture its mask of a folder, or all cameras the mask that is a file."""
+    if not masks.is_dir():
+        _LOG.info('%s is the mask of all pictures', masks)
+        for camera in cameras.values():
+            camera['mask'] = str(masks)
+        return
+    for view in views:
+        found, other = masks / f'{view["file"]}{_PNG}', masks / view['file']
+        if other.suffix.lower() == _PNG and not os.path.isfile(found) and os.path.isfile(other):
+            found = other  # COLMAP takes this too
+        view['mask'] = str(found)
+    _LOG.info('each of %d pictures has its mask in %s', len(views), masks)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

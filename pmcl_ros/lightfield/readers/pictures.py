@@ -100,17 +100,6 @@ def read_picture(path: Path, bits: int = _DEEPEST) -> NDArray[Any]:
         raise LightFieldError(f'{path}: {error}') from None
 
 
-def read_mask(path: Path) -> NDArray[np.bool_]:
-    """(height, width), False where a picture is black. Raises LightFieldError as `read_picture`,
-    and where it is black everywhere.
-    """
-    mask = np.asarray(read_picture(path).any(axis=2))
-    if not mask.any():
-        raise LightFieldError(f'{path}: the mask is black everywhere, so that no picture would '
-                              'count: it is white where pictures show the scene')
-    return mask
-
-
 def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) [px] by its header. Raises LightFieldError when it is missing or none."""
     return _of_view(path, read_picture_size)

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.masks import mask_of_view, read_mask
 from pmcl_ros.lightfield.posed_view import GAMMA, LEAST_SIDE, PosedView, centre_view, encoded
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import (
@@ -22,7 +23,6 @@ from pmcl_ros.lightfield.readers.pictures import (
     Bits,
     Reduction,
     picture_size,
-    read_mask,
     read_picture,
 )
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
@@ -96,6 +96,9 @@ class ViewEntry(Settings):
                              'about each axis [deg]')
     stamp: float | None = Field(None, ge=0, le=9e9, description='time of the exposure since 1970 '
                                 "[s]; default: the file's modification time")
+    mask: str = Field('', description='picture of its size, relative to views.yaml: black where '
+                      'this picture does not show the scene, beside what the mask of its camera '
+                      'leaves out')
     group: str = Field('', description='name of the views that share errors of their poses, as '
                        'those of one hand-eye transform')
     common: float = Field(1.0, ge=0, le=1, description='share of the variance of these errors '
@@ -154,6 +157,8 @@ class ViewsFile(Settings):
             if each.is_light_field == bool(each.camera):
                 raise ValueError(f'{each.file}: a picture needs a camera, and a light field '
                                  f'({_NPZ}) has its own')
+            if each.is_light_field and each.mask:
+                raise ValueError(f'{each.file}: a light field ({_NPZ}) takes no mask')
             if each.camera and each.camera not in self.cameras:
                 raise ValueError(f'{each.file} is of the camera {each.camera!r}, cameras has '
                                  f'{", ".join(self.cameras) or "none"}')
@@ -205,7 +210,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         warn_distorted(camera, of.cameras[camera].lens)
     masks = {camera: _mask(folder / of.cameras[camera].mask, of.cameras[camera], reduction)
              for camera in names if of.cameras[camera].mask}
-    views = tuple(replace(_view(folder, each, of, reduction), mask=masks.get(each.camera))
+    views = tuple(replace(_view(folder, each, of, reduction),
+                          mask=_own_mask(folder, each, of, reduction, masks.get(each.camera)))
                   for each in of.views)
     _check_no_copies(of, views, name)
     first, *others = views
@@ -295,12 +301,22 @@ def _another_size(camera: ViewCamera, width: int, height: int) -> str:
 
 def _mask(path: Path, camera: ViewCamera, reduction: Reduction) -> NDArray[np.bool_]:
     """(height, width) where a file is not black, as `_picture` shows it."""
-    shown = read_mask(path)
-    height, width = shown.shape
-    if (width, height) != (camera.width, camera.height):
-        raise LightFieldError(f'{path}: the mask has {width}x{height} px, its camera '
-                              f'{camera.width}x{camera.height}')
-    return reduction.shrunk_mask(camera.lens.undistorted_mask(shown, camera.pinhole))
+    return mask_of_view(read_mask(path), camera.lens, camera.pinhole, reduction, str(path))
+
+
+def _own_mask(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction,
+              of_camera: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """The mask of a picture: what neither its own nor that of its camera leaves out."""
+    if not entry.mask:
+        return of_camera
+    path = folder / entry.mask
+    own = _mask(path, of.cameras[entry.camera], reduction)
+    if of_camera is None:
+        return own
+    if not (both := own & of_camera).any():
+        raise LightFieldError(f'{path}: this mask and that of the camera {entry.camera!r} '
+                              f'together leave nothing of {entry.file}')
+    return both
 
 
 def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Reduction

@@ -18,13 +18,13 @@ _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
 def read_source(path: Path | str, every: int = 1, shrink: int = 1,
-                metric: colmap.Metric | None = None) -> Source:
+                metric: colmap.Metric | None = None, masks: Path | None = None) -> Source:
     """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
     path: as of `read_light_field`; or a views.yaml, a sweep.yaml of a camera that went around an
     object, the folder of a COLMAP text model, of a BOP scene, or a picture of one. A single
-    picture whose camera has no pose is a `PosedView`: the camera is the reference frame. metric:
-    of a COLMAP model, else not used.
+    picture whose camera has no pose is a `PosedView`: the camera is the reference frame. metric,
+    masks: of a COLMAP model (`colmap.load`), else not used.
     Raises as `read_light_field`.
     """
     path = Path(path)
@@ -35,7 +35,7 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
         _LOG.warning('%s: the sweep is no grid: read as posed views, whose poses are in its fixed '
                      'frame', sweep)
         return PosedViews(posed_views.views_of_sweep(sweep, reduction))
-    of, folder = _views_file(path, metric)
+    of, folder = _views_file(path, metric, masks)
     views = posed_views.views_of(of, folder, str(path), reduction)
     if not of.posed and len(views) > 1:
         raise LightFieldError(f'{path} has poses of an arm, mount_to_base, for pmcl handeye; '
@@ -85,14 +85,17 @@ def is_colmap(path: Path | str) -> bool:
             and not (path / bop.NAME).is_file() and colmap.model_folder(path) is not None)
 
 
-def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.ViewsFile, Path]:
+def _views_file(path: Path, metric: colmap.Metric | None, masks: Path | None
+                ) -> tuple[posed_views.ViewsFile, Path]:
     """The list of pictures at a path, and the folder that they are relative to."""
     yaml, scene = _views_yaml(path), bop.scene_of(path)
     if yaml is not None:
         return posed_views.ViewsFile.load(yaml), yaml.parent
     if scene is not None:
         return bop.load(scene, path.absolute())
-    return bop.load(path) if (path / bop.NAME).is_file() else colmap.load(path, metric)
+    if (path / bop.NAME).is_file():
+        return bop.load(path)
+    return colmap.load(path, metric, masks)
 
 
 def _views_yaml(path: Path) -> Path | None:

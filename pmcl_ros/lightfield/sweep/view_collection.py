@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
+from pmcl_ros.lightfield.masks import check_size, mask_of_view
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.sweep.assemble import summary
@@ -92,12 +93,12 @@ class ViewCollection(Frames):
 
         Raises LightFieldError when the memory is full, or the mask is of another size.
         """
-        if self._mask is not None and self._mask.shape != frame.image.shape[:2]:
-            height, width = self._mask.shape
-            self.leave_out(frame.name, 'the mask is of another size')
-            raise LightFieldError(
-                f'{frame.name} has {frame.image.shape[1]}x{frame.image.shape[0]} px, the mask '
-                f'{width}x{height}: give a mask of the size of the images')
+        if self._mask is not None:
+            try:
+                check_size(self._mask, frame.lens.pinhole, frame.name)
+            except LightFieldError:
+                self.leave_out(frame.name, 'the mask is of another size')
+                raise
         reason = moves(frame, self._settings)
         if reason:
             self.leave_out(frame.name, reason, moved=frame.speed < FASTEST)
@@ -181,25 +182,23 @@ class ViewCollection(Frames):
     def _view(self, frame: SweepFrame) -> PosedView:
         if self._pinhole is None:
             self._pinhole = frame.lens.pinhole
-        view = posed_view(frame, self._pinhole, self._settings, self._frame, _GROUP)
-        if self._mask is None:
-            return view
-        mask = frame.lens.undistorted_mask(self._mask, self._pinhole)
-        return replace(view, mask=Reduction(1, self._settings.shrink).shrunk_mask(mask))
+        return posed_view(frame, self._pinhole, self._settings, self._frame, _GROUP, self._mask)
 
 
 def posed_view(frame: SweepFrame, pinhole: Pinhole, settings: ViewSettings | FixedCameraSettings,
-               reference: str, group: str) -> PosedView:
+               reference: str, group: str, mask: NDArray[np.bool_] | None = None) -> PosedView:
     """What a pinhole at the frame's place sees, shrunk, with the errors of poses in `settings`.
 
     reference: the frame of the poses. group: of the views whose poses have errors in common.
+    mask: (height, width) of the frame's image. Raises LightFieldError as `mask_of_view`.
     """
     reduction = Reduction(1, settings.shrink)
     picture = frame.lens.undistorted(encoded(frame.image, settings.gamma), pinhole)
     return PosedView(Header(frame.stamp_ns, reference), reduction.shrunk(picture),
                      reduction.pinhole(pinhole), frame.pose,
                      (settings.sigma_position, settings.sigma_rotation), group, settings.common,
-                     name=frame.name)
+                     name=frame.name, mask=None if mask is None else mask_of_view(
+                         mask, frame.lens, pinhole, reduction, frame.name))
 
 
 def _check_plan(planned: NDArray[np.float64], settings: ViewSettings) -> None:

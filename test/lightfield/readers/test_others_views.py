@@ -1,6 +1,7 @@
 """COLMAP models and BOP scenes: the same views as from a views.yaml, and what is refused."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -227,6 +228,74 @@ def test_an_unknown_camera_of_colmap_is_refused(tmp_path):
     (tmp_path / 'sparse/0/cameras.txt').write_text('7 PINHOLE 48 36 40 41 24\n')
     with pytest.raises(LightFieldError, match='expected CAMERA_ID PINHOLE WIDTH HEIGHT FX FY CX'):
         read_source(folder, metric=Metric(1.0))
+
+
+@pytest.fixture
+def masked(tmp_path):
+    """A model, and COLMAP's folder of masks, each black at another place."""
+    model, folder = colmap(tmp_path / 'colmap'), tmp_path / 'masks'
+    folder.mkdir()
+    masks = np.full((3, HEIGHT, WIDTH), 255, np.uint8)
+    for name, mask in zip('abc', masks, strict=True):
+        mask[:, 12 * 'abc'.index(name):][:, :9] = 0
+        cv2.imwrite(str(folder / f'{name}.png.png'), mask)
+    return model, folder, masks
+
+
+def test_each_picture_of_a_model_has_its_mask(tmp_path, masked, caplog, monkeypatch):
+    caplog.set_level('INFO')
+    model, folder, _ = masked
+    path = tmp_path / 'own' / 'views.yaml'
+    own(path.parent, DISTORTION)
+    values = yaml.safe_load(path.read_text())
+    for each in values['views']:
+        each['mask'] = str(folder / f'{each["file"]}.png')
+    path.write_text(yaml.safe_dump(values))
+    expected, plain = read_source(path), read_source(model, metric=Metric(2.5))
+    found = GivenSource(model, scale=2.5, masks=folder).open().read()
+    same(found, plain)
+    for one, other, each in zip(found.views, expected.views, plain.views, strict=True):
+        np.testing.assert_array_equal(one.mask, other.mask)
+        assert 0.1 < (~one.mask).mean() < 0.3
+        assert each.mask is None
+    assert caplog.messages == [f'each of 3 pictures has its mask in {folder}']
+    # COLMAP takes the mask of a PNG by the picture's own name too.
+    (folder / 'b.png.png').rename(folder / 'b.png')
+    monkeypatch.chdir(tmp_path)
+    again = GivenSource(model, scale=2.5, masks=Path('masks')).open().read()
+    for one, other in zip(again.views, found.views, strict=True):
+        np.testing.assert_array_equal(one.mask, other.mask)
+
+
+def test_a_file_is_the_mask_of_all_pictures_of_a_model(masked, caplog):
+    caplog.set_level('INFO')
+    model, folder, _ = masked
+    found = read_source(model, metric=Metric(1.0), masks=folder / 'a.png.png')
+    first = read_source(model, metric=Metric(1.0), masks=folder).views[0].mask
+    for each in found.views:
+        np.testing.assert_array_equal(each.mask, first)
+    assert caplog.messages[0] == f'{folder / "a.png.png"} is the mask of all pictures'
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    (lambda path, _: path.unlink(), 'there is no .*b.png.png'),
+    (lambda path, mask: cv2.imwrite(str(path), 0 * mask),
+     'b.png.png: the mask is black everywhere'),
+    (lambda path, mask: cv2.imwrite(str(path), mask[1:]),
+     'b.png.png: the mask has 48x35 px, its camera 48x36: give a mask of the size'),
+    (lambda path, _: path.write_bytes(b'none'), 'b.png.png')])
+def test_a_mask_of_a_picture_that_is_none_is_refused_in_one_line(masked, change, reason):
+    model, folder, masks = masked
+    change(folder / 'b.png.png', masks[1])
+    with pytest.raises(LightFieldError, match=reason) as caught:
+        read_source(model, metric=Metric(1.0), masks=folder)
+    assert '\n' not in str(caught.value)
+
+
+def test_masks_are_of_colmap_models(masked, tmp_path):
+    own(tmp_path / 'own')
+    with pytest.raises(UsageError, match='is no COLMAP model: --scale, --distance and --masks'):
+        GivenSource(tmp_path / 'own', masks=masked[1]).open()
 
 
 def test_a_bop_scene_is_the_same_views(tmp_path):

@@ -401,3 +401,44 @@ def test_an_impossible_mask_is_refused_in_one_line(tmp_path, mask, message):
     with pytest.raises(LightFieldError, match=message) as caught:
         read_source(folder)
     assert '\n' not in str(caught.value)
+
+
+def test_a_mask_of_which_larger_pixels_leave_nothing_is_refused(tmp_path):
+    """Each larger pixel has a black one."""
+    folder = write(tmp_path, np.full((2 * HEIGHT, 2 * WIDTH), 99, np.uint8), mask='gripper.png',
+                   width=2 * WIDTH, height=2 * HEIGHT)
+    stripes = np.tile(np.arange(2 * WIDTH, dtype=np.uint8) % 2, (2 * HEIGHT, 1))
+    cv2.imwrite(str(folder / 'gripper.png'), stripes)
+    np.testing.assert_array_equal(read_source(folder).mask, stripes > 0)
+    with pytest.raises(LightFieldError, match=r'gripper\.png: the mask leaves nothing of the view '
+                       'of 120x88 px, shrunk by 2'):
+        read_source(folder, shrink=2)
+
+
+def test_a_picture_may_have_a_mask_beside_that_of_its_camera(tmp_path):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8), mask='gripper.png')
+    cv2.imwrite(str(folder / 'two.png'), whole(VALUES[::-1], 255, np.uint8))
+    masks = {name: np.full((HEIGHT, WIDTH), 255, np.uint8) for name in ('gripper', 'hand')}
+    masks['gripper'][30:] = masks['hand'][:, 40:] = 0
+    for name, mask in masks.items():
+        cv2.imwrite(str(folder / f'{name}.png'), mask)
+    views = [{'file': f'{name}.png', 'camera': 'wrist', 'camera_to_reference': [
+        [1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+        for x, name in enumerate(('one', 'two'))]
+    views[1]['mask'] = 'hand.png'
+    changed(folder, views=views)
+    one, two = read_source(folder).views
+    np.testing.assert_array_equal(one.mask, masks['gripper'] > 0)
+    np.testing.assert_array_equal(two.mask, (masks['gripper'] > 0) & (masks['hand'] > 0))
+    changed(folder, cameras={'wrist': CAMERA})
+    one, two = read_source(folder).views
+    assert one.mask is None
+    np.testing.assert_array_equal(two.mask, masks['hand'] > 0)
+    changed(folder, cameras={'wrist': CAMERA | {'mask': 'gripper.png'}})
+    cv2.imwrite(str(folder / 'hand.png'), 255 - masks['gripper'])
+    with pytest.raises(LightFieldError, match=r"hand\.png: this mask and that of the camera "
+                       r"'wrist' together leave nothing of two\.png"):
+        read_source(folder)
+    changed(folder, views=[{'file': 'one.npz', 'mask': 'hand.png'}])
+    with pytest.raises(SettingsError, match=r'one\.npz: a light field \(\.npz\) takes no mask'):
+        read_source(folder)

@@ -195,6 +195,6 @@ def test_a_mask_is_that_of_each_view_as_its_lens_shows_it():
     np.testing.assert_array_equal(shrunk.assemble().source.views[0].mask,
                                   mask.reshape(24, 2, 32, 2).all(axis=(1, 3)))
     small = Lens(PINHOLE.resized(32, 24))
-    with pytest.raises(LightFieldError, match='small has 32x24 px, the mask 64x48: give a mask'):
+    with pytest.raises(LightFieldError, match='small: the mask has 64x48 px, its camera 32x24'):
         made.add(frame('small', 0.2, image=image[::2, ::2], lens=small))
     assert made.left_out[-1].name == 'small'
