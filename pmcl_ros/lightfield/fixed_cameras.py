@@ -33,6 +33,10 @@ class FixedCameraSettings(Settings):
         'roll, pitch, yaw as in URDF [rad] of each, in fixed_frame; 0 alone: the newest '
         'transforms on /tf, of the frames that the images name')
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
+    masks: tuple[str, ...] = Field(
+        ('',), description='paths of pictures of the size of the images, one for each of '
+        '`cameras`, in their order: black where all images of a camera show no part of the scene, '
+        'as its mount or the robot; empty: nowhere')
     slop: float = Field(0.01, ge=0, le=10, description='largest difference of the stamps of one '
                         'set of pictures; less than half the time between two sets [s]')
     patience: float = Field(1.0, gt=0, le=100, description='longest wait of a picture for those '
@@ -57,6 +61,10 @@ class FixedCameraSettings(Settings):
             raise ValueError(f'camera_mounts has {len(self.camera_mounts)} numbers, expected 6 '
                              f'for each of {len(self.cameras)} cameras '
                              f'({", ".join(self.cameras)})')
+        if any(self.masks) and len(self.masks) != len(self.cameras):
+            raise ValueError(f'masks has {len(self.masks)} paths, expected one for each of '
+                             f'{len(self.cameras)} cameras ({", ".join(self.cameras)}); one of a '
+                             'camera without a mask is empty')
         return self
 
     @property

@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
+from pmcl_ros.lightfield.masks import check_size, read_mask
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
@@ -52,6 +53,8 @@ class FixedCameras(StageNode):
     def set_up(self, settings: FixedCameraSettings) -> None:
         """Read the poses, or prepare to listen to /tf."""
         self._settings = settings
+        self._masks = {camera: read_mask(resolve(path, 'masks')) for camera, path in zip(
+            settings.cameras, settings.masks, strict=False) if path}  # or one empty path for all
         self._tf, self._poses = None, {}
         if settings.camera_poses or settings.mounted:
             self._poses = _read_poses(settings)
@@ -113,6 +116,8 @@ class FixedCameras(StageNode):
                 else self._tf.nearest(0, header.frame_id, 0))  # the newest: it does not move
         frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, pixels_from(
             message, self._settings.bits), self._lenses[camera], pose)
+        if camera in self._masks:
+            check_size(self._masks[camera], frame.lens.pinhole, frame.name)
         self._last[camera] = header.stamp_ns
         self._sets.add(camera, frame.stamp_ns, _Waiting(frame, time.monotonic()))
         self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (
@@ -147,8 +152,8 @@ class FixedCameras(StageNode):
                     self._sets.longest <= self._room and waited < self._settings.patience):
                 return
             self._sets.pop()
-            frames = [each.frame for each in pictures.values()]
-            stamp_ns = max(each.stamp_ns for each in frames)
+            frames = {camera: each.frame for camera, each in pictures.items()}
+            stamp_ns = max(each.stamp_ns for each in frames.values())
             if missing:
                 self._give_up(stamp_ns, missing)
             elif stamp_ns not in self._too_early:
@@ -168,10 +173,11 @@ class FixedCameras(StageNode):
         if line := self._lines(f'dropped set {stamp_ns}: {reason}'):
             self.get_logger().warning(line + last)
 
-    def _views(self, frames: list[SweepFrame]) -> PosedViews:
-        settings, pinhole = self._settings, frames[0].lens.pinhole
-        return PosedViews(tuple(posed_view(each, pinhole, settings, settings.fixed_frame, _GROUP)
-                                for each in frames))
+    def _views(self, frames: dict[str, SweepFrame]) -> PosedViews:
+        settings, pinhole = self._settings, next(iter(frames.values())).lens.pinhole
+        return PosedViews(tuple(posed_view(each, pinhole, settings, settings.fixed_frame, _GROUP,
+                                           self._masks.get(camera))
+                                for camera, each in frames.items()))
 
 
 def _read_poses(settings: FixedCameraSettings) -> dict[str, NDArray[np.float64]]:

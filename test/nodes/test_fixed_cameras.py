@@ -16,7 +16,7 @@ import trimesh
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseStamped, Transform, TransformStamped, Vector3
-from harness import ACTIVATE, CONFIGURE, DEACTIVATE, ROOT, Process
+from harness import ACTIVATE, ACTIVE, CONFIGURE, DEACTIVATE, ROOT, Process
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn as Result
@@ -300,6 +300,45 @@ def test_rectified_pictures_are_of_the_pinhole_that_their_camera_info_tells(
     assert equal([each[0] for each in came], sent_by(plain, settings))
 
 
+def test_what_a_camera_s_mask_leaves_out_is_transparent_in_its_view(tmp_path, user, frames,
+                                                                   settings):
+    path, mask = tmp_path / 'mount.png', np.full(frames['right'].image.shape[:2], 255, np.uint8)
+    mask[:, :40] = 0
+    cv2.imwrite(str(path), mask)
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'masks': ['', str(path)]}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        cameras = [Camera(user, each) for each in frames.values()]
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for each in cameras:
+            each.tell()
+            each.shoot()
+        user.wait(lambda: all(came), 'the views')
+    found, plain = (posed_views_from(*messages).views for messages in (
+        [each[0] for each in came], sent_by(frames, settings)))
+    assert found[0].mask is None
+    right = frames['right'].lens
+    np.testing.assert_array_equal(found[1].mask, right.undistorted_mask(
+        mask > 0, frames['left'].lens.pinhole))
+    assert 0.1 < (~found[1].mask).mean() < 0.3
+    for one, other in zip(found, plain, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+
+
+def test_a_mask_of_another_size_is_told(tmp_path, user, frames, settings):
+    path = tmp_path / 'mount.png'
+    cv2.imwrite(str(path), np.full(frames['right'].image.shape[:2], 255, np.uint8))
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
+                 params=settings | {'masks': [str(path), '']}) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        left = Camera(user, frames['left'])
+        left.tell()
+        left.shoot()
+        user.wait(lambda: re.search('left/image_raw: frame .*: the mask has 200x168 px, its camera'
+                                    ' 240x180: give', node.log), 'the reason')
+        assert user.state('fixed_cameras') == ACTIVE
+
+
 def test_compressed_pictures_are_taken_and_damaged_ones_told(tmp_path, user, frames, settings):
     packed = {name: cv2.imencode(kind, each.image[..., ::-1])[1].ravel()
               for (name, each), kind in zip(frames.items(), ('.png', '.jpg'), strict=True)}
@@ -453,7 +492,8 @@ def test_sets_that_come_too_often_are_left_out(tmp_path, user, frames, settings)
 
 
 def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user, settings):
-    shipped = str(ROOT / 'test' / 'data' / 'two_cameras.yaml')
+    shipped, black = str(ROOT / 'test' / 'data' / 'two_cameras.yaml'), tmp_path / 'black.png'
+    cv2.imwrite(str(black), np.zeros((48, 64), np.uint8))
     wrong = [({'cameras': ['left', 'left']}, 'cameras left, left: one is named twice'),
              ({'cameras': ['left camera']}, 'String should match pattern'),
              ({'cameras': ['a', 'b', 'c']}, 'has 2 poses, there are 3 cameras (a, b, c)'),
@@ -462,11 +502,15 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user, settings)
              ({'camera_mounts': [0.5] * 12}, 'camera_poses and camera_mounts both say where'),
              ({'camera_poses': '', 'camera_mounts': [0.5] * 6},
               'camera_mounts has 6 numbers, expected 6 for each of 2 cameras (left, right)'),
-             ({'camera_poses': '/nowhere.yaml'}, 'there is no /nowhere.yaml')]
+             ({'camera_poses': '/nowhere.yaml'}, 'there is no /nowhere.yaml'),
+             ({'masks': ['/nowhere.png']},
+              'masks has 1 paths, expected one for each of 2 cameras (left, right)'),
+             ({'masks': ['', '/nowhere.png']}, 'there is no /nowhere.png'),
+             ({'masks': [str(black), '']}, 'black.png: the mask is black everywhere')]
     if find_spec('tf2_ros') is None:
         wrong.append(({'camera_poses': ''}, 'camera_poses is empty, and tf2_ros cannot be'))
     good = {'cameras': ['left', 'right'], 'camera_poses': shipped, 'camera_mounts': [0.0],
-            'fixed_frame': 'base_link'}
+            'fixed_frame': 'base_link', 'masks': ['']}
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
         for bad, reason in wrong:
             assert user.set('fixed_cameras', **(good | bad)) == []
