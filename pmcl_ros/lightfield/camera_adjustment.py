@@ -30,6 +30,7 @@ _BEHIND = 2.0  # the same, by which reported rotations may put what is far away 
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # matches of a pair of views
 _ITERATIONS = 15  # of reweighted least squares
+_STEP = 1e-3  # standard deviations of reported poses, of derivatives
 _NEXT = 4  # views before and after each in the list, of which one is chosen to judge any poses
 _NEIGHBOURS = 3  # views that each view is matched with
 _DISTANCE = 0.5  # m: of what is seen, for the gate
@@ -112,81 +113,156 @@ def adjust_cameras(views: Sequence[PosedView], features: Sequence[Features]
                    ) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures, by the features of each.
 
-    None where too few matches link the views, or no likely poses fit them within `MATCHED`.
-    Reported poses are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off
-    its line by `MATCHED`, with Cauchy's tails.
+    None where too few match, or no likely poses fit the matches within `MATCHED`. Reported poses
+    are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
+    `MATCHED`, with Cauchy's tails. A pattern that repeats can match wrongly in all of a pair of
+    views: motions are fitted without such pairs, one after the other, until they are likely and
+    all other pairs fit them.
     """
     reported = np.array([each.camera_to_reference for each in views])
     matches = _Matches.between(features, reported)
-    if matches is None:
-        return None
-    number = len(views)
-    sigma = np.tile(np.repeat(_PRIOR, 3), number)
+    most = chdtri(6 * (len(views) - 1), _UNLIKELY)
+    while len(matches.views):
+        fit = _Fit.of(matches, reported)
+        distances = matches.median_distances(_moved(reported, fit.unit))
+        if fit.unit @ fit.unit > most:
+            matches = matches.without(fit.unlikely_pair())
+        elif distances.max() > MATCHED:
+            matches = matches.without(int(np.argmax(distances)))
+        else:
+            return _adjustment(fit, matches, reported)
+    return None
 
-    def moved(unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        off = retract(np.tile(np.eye(4), (number, 1, 1)), (sigma * unit).reshape(-1, 6))
-        return np.asarray(reported @ np.linalg.inv(off))
 
-    def residuals(unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        return matches.distances(moved(unit)) / MATCHED
-
-    unit, step = np.zeros(6 * number), 1e-3 * np.eye(6 * number)
-    for _ in range(_ITERATIONS):  # reweighted least squares: each lessens the cost
-        off = residuals(unit)
-        weight = 1 / (1 + np.square(off))
-        jacobian = np.stack([residuals(unit + each) - off for each in step], axis=1) / step[0, 0]
-        information = (jacobian.T * weight) @ jacobian + np.eye(len(unit))
-        unit = unit - np.linalg.solve(information, jacobian.T @ (weight * off) + unit)
-    cameras = moved(unit)
+def _adjustment(fit: '_Fit', matches: '_Matches', reported: NDArray[np.float64]
+                ) -> CameraAdjustment:
+    number, sigma = len(reported), _sigma(len(reported))
+    cameras = _moved(reported, fit.unit)
     before, after = (float(np.median(np.abs(matches.distances(each))))
                      for each in (reported, cameras))
-    if after > MATCHED or unit @ unit > chdtri(6 * (number - 1), _UNLIKELY):
-        return None
-    covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
+    covariance = sigma[:, None] * np.linalg.inv(fit.information) * sigma + np.diag(
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))
-    motions = (sigma * unit).reshape(-1, 2, 3)
+    motions = (sigma * fit.unit).reshape(-1, 2, 3)
     largest = np.linalg.norm(motions, axis=2).max(axis=0)
     return CameraAdjustment(cameras, np.linalg.cholesky(covariance).reshape(number, 6, -1),
                             before, after, (float(largest[0]), float(largest[1])))
+
+
+def _sigma(number: int) -> NDArray[np.float64]:
+    """(6 number,) standard deviations of reported poses."""
+    return np.tile(np.repeat(_PRIOR, 3), number)
+
+
+def _moved(reported: NDArray[np.float64], unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cameras (n, 4, 4) that are off by unit (6 n,), in standard deviations."""
+    off = retract(np.tile(np.eye(4), (len(reported), 1, 1)),
+                  (_sigma(len(reported)) * unit).reshape(-1, 6))
+    return np.asarray(reported @ np.linalg.inv(off))
 
 
 @dataclass(frozen=True)
 class _Matches:
     """Matches between pictures.
 
-    first, second: (m,) numbers of their views. rays: (m, 2, 3) in either camera, with z = 1.
-    focal: (m,) mean focal length [px].
+    views: (p, 2) numbers of the views of pairs. pair: (m,) that of each match, ascending. rays:
+    (m, 2, 3) in either camera, with z = 1. focal: (m,) mean focal length [px].
     """
 
-    first: NDArray[np.intp]
-    second: NDArray[np.intp]
+    views: NDArray[np.intp]
+    pair: NDArray[np.intp]
     rays: NDArray[np.float64]
     focal: NDArray[np.float64]
 
     @classmethod
-    def between(cls, features: Sequence[Features], reported: NDArray[np.float64]
-                ) -> '_Matches | None':
-        """None where the matches do not link all views."""
-        linked = np.arange(len(features))
-        parts: list[tuple[int, int, NDArray[np.float64], float]] = []
+    def between(cls, features: Sequence[Features], reported: NDArray[np.float64]) -> '_Matches':
+        """Of pairs with at least `_FEWEST`."""
+        views: list[tuple[int, int]] = []
+        rays: list[NDArray[np.float64]] = [np.zeros((0, 2, 3))]
+        focal: list[float] = []
         for one, other in _neighbours(reported):
             length = (features[one].focal + features[other].focal) / 2
             matched = _consistent(_matched(features[one], features[other]), length,
                                   reported[[one, other]])
             if len(matched) >= _FEWEST:
-                parts.append((one, other, matched, length))
-                linked[linked == linked[other]] = linked[one]
-        if not parts or (linked != linked[0]).any():
-            return None
-        counts = [len(rays) for _, _, rays, _ in parts]
-        first, second, rays, focal = zip(*parts, strict=True)
-        return cls(np.repeat(first, counts), np.repeat(second, counts), np.concatenate(rays),
-                   np.repeat(focal, counts))
+                views.append((one, other))
+                rays.append(matched)
+                focal.append(length)
+        pair = np.repeat(np.arange(len(views)), [len(each) for each in rays[1:]])
+        return cls(np.array(views, np.intp).reshape(-1, 2), pair, np.concatenate(rays),
+                   np.array(focal)[pair])
+
+    def without(self, pair: int) -> '_Matches':
+        """Those of the other pairs."""
+        kept = self.pair != pair
+        return _Matches(np.delete(self.views, pair, axis=0),
+                        self.pair[kept] - (self.pair[kept] > pair), self.rays[kept],
+                        self.focal[kept])
 
     def distances(self, cameras: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m,) signed Sampson distances of the matches with cameras (n, 4, 4) [px]."""
-        return self.focal * sampson(self.rays, np.linalg.inv(cameras[self.second])
-                                    @ cameras[self.first])
+        return self._distances(cameras, cameras)
+
+    def median_distances(self, cameras: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(p,) of the matches of each pair, with cameras (n, 4, 4) [px]."""
+        distances = np.abs(self.distances(cameras))
+        return np.array([np.median(distances[self.pair == pair])
+                         for pair in range(len(self.views))])
+
+    def slopes(self, reported: NDArray[np.float64], unit: NDArray[np.float64]
+               ) -> NDArray[np.float64]:
+        """(m, 12) derivatives of the distances by `unit` of the first, then the second camera."""
+        cameras, found = _moved(reported, unit), []
+        distances = self.distances(cameras)
+        for axis in np.eye(6):
+            moved = _moved(reported, unit + _STEP * np.tile(axis, len(reported)))
+            found += [self._distances(moved, cameras), self._distances(cameras, moved)]
+        slopes = (np.stack(found, axis=1) - distances[:, None]) / _STEP
+        return slopes.reshape(-1, 6, 2).swapaxes(1, 2).reshape(-1, 12)
+
+    def _distances(self, first: NDArray[np.float64], second: NDArray[np.float64]
+                   ) -> NDArray[np.float64]:
+        one, other = self.views[self.pair].T
+        return self.focal * sampson(self.rays, np.linalg.inv(second)[other] @ first[one])
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Motions that fit matches best.
+
+    unit: (6 n,) in standard deviations of reported poses. information: (6 n, 6 n) of it. pairs:
+    (p, 6 n, 6 n) what each pair tells, pulls: (p, 6 n) and how it pulls the motions.
+    """
+
+    unit: NDArray[np.float64]
+    information: NDArray[np.float64]
+    pairs: NDArray[np.float64]
+    pulls: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, matches: _Matches, reported: NDArray[np.float64]) -> '_Fit':
+        """By reweighted least squares: each step lessens the cost."""
+        count, size = len(matches.views), 6 * len(reported)
+        starts = np.searchsorted(matches.pair, np.arange(count))
+        rows = (6 * matches.views[:, :, None] + np.arange(6)).reshape(count, 12)
+        unit = np.zeros(size)
+        for _ in range(_ITERATIONS):
+            off = matches.distances(_moved(reported, unit)) / MATCHED
+            slopes = matches.slopes(reported, unit) / MATCHED
+            weighted = slopes / (1 + np.square(off))[:, None]
+            each, pairs, pulls = (np.arange(count)[:, None], np.zeros((count, size, size)),
+                                  np.zeros((count, size)))
+            pairs[each[:, :, None], rows[:, :, None], rows[:, None]] = np.add.reduceat(
+                weighted[:, :, None] * slopes[:, None], starts)
+            pulls[each, rows] = np.add.reduceat(weighted * off[:, None], starts)
+            information = pairs.sum(axis=0) + np.eye(size)
+            unit = unit - np.linalg.solve(information, pulls.sum(axis=0) + unit)
+        return cls(unit, information, pairs, pulls)
+
+    def unlikely_pair(self) -> int:
+        """The pair without which motions are most likely, to first order."""
+        without = self.unit + np.linalg.solve(self.information - self.pairs,
+                                              self.pulls[:, :, None])[:, :, 0]
+        return int(np.argmin(np.square(without).sum(axis=1)))
 
 
 def sampson(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:

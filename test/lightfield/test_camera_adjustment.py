@@ -1,6 +1,7 @@
 """Camera poses by what the pictures show of the surroundings: against the true ones."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from textured_planes import views_of_planes
 from pmcl_ros.geometry.se3 import local, retract
 from pmcl_ros.lightfield.camera_adjustment import (
     MATCHED,
+    Features,
     adjust_cameras,
     features_of,
     pair_fits,
@@ -91,10 +93,44 @@ def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
 
 
 def test_motions_that_are_unlikely_of_reported_poses_are_not_made():
-    turns = 0.014 * np.array([[1, 1, 1], [-1, -1, -1], [1, 1, 1], [-1, -1, -1]])  # two sigma each
-    told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)),
-                             np.concatenate([np.zeros((4, 3)), turns], axis=1))
-    assert adjusted_by(views_of_planes(CAMERAS, told)) is None
+    turns = 0.017 * np.array([[1, 1, 1], [-1, -1, -1]])  # 2.4 sigma each
+    told = CAMERAS[:2] @ retract(np.tile(np.eye(4), (2, 1, 1)),
+                                 np.concatenate([np.zeros((2, 3)), turns], axis=1))
+    assert adjusted_by(views_of_planes(CAMERAS[:2], told)) is None
+
+
+def matching_features(cameras, repeated):
+    """Of views; each pair of them shows 40 points of its own.
+
+    repeated: periods (3,) by which pairs take each point for one that is aside [m].
+    """
+    rng = np.random.default_rng(0)
+    rays, descriptors = ([[] for _ in cameras] for _ in range(2))
+    for pair in combinations(range(len(cameras)), 2):
+        points = MIDDLE + rng.uniform(-0.15, 0.15, (40, 3))
+        words = rng.uniform(0, 255, (40, 128))
+        for number, view in enumerate(pair):
+            seen = points + (repeated.get(pair, 0) if number else 0) - cameras[view][:3, 3]
+            seen = seen @ cameras[view][:3, :3]
+            rays[view].append(seen / seen[:, 2:] + rng.normal(0, 0.0003, (40, 3)) * [1, 1, 0])
+            descriptors[view].append(words)
+    return [Features(np.concatenate(one), np.concatenate(other).astype(np.float32), 600.0)
+            for one, other in zip(rays, descriptors, strict=True)]
+
+
+@pytest.mark.parametrize('off', [0.0, 0.004])
+def test_pairs_that_match_a_pattern_a_period_off_are_left_out(off):
+    """Their motions are unlikely, whether the reported poses are exact or off by `off` [rad]."""
+    period = np.array([0.0, 0.022, 0.0])
+    repeated = {(0, 2): period, (1, 3): period, (0, 3): -period}
+    turns = off * np.random.default_rng(1).normal(size=(4, 6)) * np.repeat([0.0, 1.0], 3)
+    views = views_of_planes(CAMERAS, CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)), turns))
+    adjusted = adjust_cameras(views, matching_features(CAMERAS, repeated))
+    assert adjusted.is_needed == bool(off)
+    assert adjusted.after < 0.3
+    left = deviations(adjusted.cameras, CAMERAS).ravel()
+    covariance = np.einsum('aik,bjk->aibj', adjusted.root, adjusted.root).reshape(24, 24)
+    assert left @ np.linalg.solve(covariance, left) < chi2.isf(1e-3, 24)
 
 
 def test_any_poses_are_judged_by_pairs_of_neighbours():
