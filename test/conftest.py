@@ -1,6 +1,7 @@
 """What the tests share: a ROS domain of each worker's own, GL, the JSON of a made-up camera."""
 
 import errno
+import gc
 import itertools
 import json
 import os
@@ -34,6 +35,9 @@ def _own_domain():
     raise RuntimeError('all ROS domains are taken')
 
 
+# Modules and tests stay: to look for garbage among them took a quarter of the time of collecting.
+_THRESHOLDS = gc.get_threshold()
+gc.set_threshold(100_000)
 # What tests start is ended by a hang-up, even where they themselves are to outlive a terminal.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any rclpy.init, and inherited by every process a test starts. Fields are checked, as a
@@ -105,6 +109,13 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow)
         if not TENSORFLOW.isdisjoint(_below(item.path)):
             item.add_marker(pytest.mark.tensorflow)
+
+
+def pytest_collection_finish():
+    """What has been imported and collected is no garbage: from now on it is not looked at."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(*_THRESHOLDS)
 
 
 @pytest.fixture

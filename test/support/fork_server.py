@@ -77,6 +77,7 @@ def _answer(question):
 
 def _serve():
     """Fork what is asked for; in the forked process return what to run there."""
+    gc.disable()
     for each in PROGRAMS:
         import_module(each)
     # What takes the first kernel of a process, and the first line of its log, most of a second.
@@ -88,6 +89,7 @@ def _serve():
     # Else each would look through all that when it ends, and so copy it, which takes a second.
     gc.collect()
     gc.freeze()
+    gc.enable()
     for line in sys.stdin:
         question = json.loads(line)
         if 'status' in question:
