@@ -73,6 +73,28 @@ def edges_seen(depth, pinhole, depths, jump, zoom=4, strength=1.6):
     depth: (zoom * height, zoom * width) [m], 0 where nothing is. jump: difference in depth across
     an occlusion [m].
     """
+    around, kept = near_pixels(depth > 0, zoom)
+    tensor = np.zeros((*(each // zoom for each in depth.shape), len(depths), 3), np.float32)
+    tensor[kept] = _edges(depth[around], depths, jump, zoom, strength)
+    return EdgeVolume(Header(stamp_ns=7), tensor, depths, pinhole)
+
+
+def near_pixels(mask, zoom):
+    """The rows and columns of a mask (zoom * height, zoom * width) up to 8 pixels from it.
+
+    -> those of the mask, those of the pixels (height, width). Farther off an edge that is a pixel
+    wide is too faint for float32.
+    """
+    parts = []
+    for size, axis in zip(mask.shape, (1, 0), strict=True):
+        filled = np.flatnonzero(mask.any(axis=axis)) // zoom
+        first, last = (filled[0], filled[-1]) if len(filled) else (0, -1)
+        parts.append(slice(max(first - 8, 0), min(last + 9, size // zoom)))
+    return tuple(slice(zoom * each.start, zoom * each.stop) for each in parts), tuple(parts)
+
+
+def _edges(depth, depths, jump, zoom, strength):
+    """The tensor (height, width, labels, 3) of `edges_seen`."""
     close = np.divide(1, depth, out=np.zeros_like(depth), where=depth > 0)
     least = jump / np.median(depth[depth > 0]) ** 2
     nearer = np.zeros(depth.shape)
@@ -91,9 +113,8 @@ def edges_seen(depth, pinhole, depths, jump, zoom=4, strength=1.6):
     n = offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-9)
     at_label = np.exp(-0.5 * (np.arange(len(depths)) - label[..., None]) ** 2)
     both = (energy ** 2)[..., None] * at_label
-    tensor = np.stack([both * n[..., :1] ** 2, both * n[..., 1:] ** 2,
-                       both * n[..., :1] * n[..., 1:]], axis=-1)
-    return EdgeVolume(Header(stamp_ns=7), tensor.astype(np.float32), depths, pinhole)
+    return np.stack([both * n[..., :1] ** 2, both * n[..., 1:] ** 2,
+                     both * n[..., :1] * n[..., 1:]], axis=-1)
 
 
 def surface_seen(depth, pinhole, depths, width=1.0):

@@ -579,7 +579,7 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
         replace(each, camera_to_reference=pose, view=view, sigma=sigma)
         for each, pose, view in zip(maps_seen(context, CUP, truth, cameras).views, poses,
                                     views_of_planes(cameras, poses), strict=True)))
-    assert found(CUP, evidence, settings(size=(0.5, 0.5, 0.5))).lost
+    assert found(CUP, evidence, settings(size=(0.25, 0.25, 0.25))).lost
     assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
