@@ -81,10 +81,10 @@ def test_the_lattice_is_found_in_the_white_image() -> None:
 
 
 def test_noise_is_that_of_the_electrons() -> None:
-    camera = LytroCamera(width=200, height=200)
+    camera = LytroCamera(width=120, height=120)
     frames = [white_picture(camera, np.random.default_rng(seed), 64).linear() for seed in (1, 2)]
     mean, apart = np.add(*frames) / 2, np.subtract(*frames)
-    pixels = np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1)
+    pixels = np.stack(np.meshgrid(np.arange(120), np.arange(120)), axis=-1)
     lenslets = camera.lattice.centres(*camera.lattice.nearest(pixels))
     bright = np.linalg.norm(pixels - lenslets, axis=-1) < 3  # off the edge of the aperture
     expected = 2 * (mean[bright] / CAMERA.electrons + (CAMERA.read / CAMERA.electrons) ** 2)

@@ -172,7 +172,7 @@ def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
 
 
 def test_the_command_prints_what_was_found(tmp_path):
-    camera = {'width': 240, 'height': 180, 'fx': 225.0, 'cx': 120.0, 'cy': 90.0}
+    camera = {'width': 160, 'height': 120, 'fx': 150.0, 'cx': 80.0, 'cy': 60.0}
     OrdinaryCamera.make(camera)
     (tmp_path / 'camera.yaml').write_text(str(camera))
     runner = Runner()

@@ -276,7 +276,7 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     # A little less is covered: what a search finds of it differs by chance.
     late = [covered(part, 4000) for part in (0.18, 0.185, 0.19)]
     # A search of so few particles misses narrowly every other time; here each is to find it.
-    thorough = of.model_copy(update={'proposals': 128, 'particles': 512, 'moves': 3})
+    thorough = of.model_copy(update={'proposals': 64, 'particles': 256, 'moves': 3})
     estimates, ends = branched(slid, {4: late, len(slid): late} if check else {}, of,
                                thorough)
     assert not any(each.lost for each in estimates)
