@@ -476,10 +476,11 @@ def test_a_wall_leaves_handles_massive(describe, sides):
 
 @pytest.mark.parametrize('kind', ['closed', 'massive'])
 def test_a_ring_is_not_filled(describe, kind):
+    wall = 0.004
     ring = trimesh.creation.torus(0.04, 0.012, major_sections=36, minor_sections=8)
     thing = describe(ring, {'material': 'glass', **(
-        {'solid': True} if kind == 'massive' else {'wall': WALL, 'mouth': {'open': False}})})
-    left = 1 - WALL / (0.012 * np.cos(np.pi / 8))  # of the octagon's radius
+        {'solid': True} if kind == 'massive' else {'wall': wall, 'mouth': {'open': False}})})
+    left = 1 - wall / (0.012 * np.cos(np.pi / 8))  # of the octagon's radius
     inner = ring.volume * left ** 2 if kind == 'closed' else 0
     assert _total(thing, 1) == pytest.approx(ring.volume - inner, rel=5e-3)
     assert _total(thing, 3) == pytest.approx(inner, rel=5e-3)
