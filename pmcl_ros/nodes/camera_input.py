@@ -15,6 +15,7 @@ from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.nodes.runtime.base import StageNode
 
 Picture: TypeAlias = Image | CompressedImage
+_MOST, _MOST_BYTES = 100, 1 << 28  # of pictures that wait
 
 
 def subscribe_camera(node: StageNode, settings: FixedCameraSettings | SweepDriverSettings,
@@ -29,6 +30,11 @@ def subscribe_camera(node: StageNode, settings: FixedCameraSettings | SweepDrive
     # As of image_transport: who remaps the plain topic remaps this one.
     return node.subscribe(CompressedImage, f'{node.resolve_topic_name(image)}/compressed',
                           on_picture, qos)
+
+
+def most_waiting(size: int) -> int:
+    """How many pictures of a size [bytes] may wait: their memory is limited, but for one."""
+    return max(1, min(_MOST, _MOST_BYTES // max(size, 1)))
 
 
 def pixels_from(picture: Picture, bits: int) -> NDArray[Any]:

@@ -19,7 +19,7 @@ from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import Picture, most_waiting, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, TfPoses, tf2
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
@@ -34,7 +34,6 @@ _GROUP = 'cameras'
 _CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
 _LOOK = 0.2  # s between two looks for pictures that have waited too long
 _SILENCE = 5.0  # s without a picture of any camera: DDS repeats a message that was lost after 3
-_MOST_WAITING, _MOST_BYTES = 100, 1 << 28  # pictures of a camera that wait for others; of all
 
 
 class _Waiting(NamedTuple):
@@ -74,7 +73,7 @@ class FixedCameras(StageNode):
         self._early: dict[str, Picture] = {}  # the last picture of a camera without a lens
         self._sets: ApproximateSynchronizer[_Waiting] = ApproximateSynchronizer(
             settings.cameras, round(1e9 * settings.slop))
-        self._room = _MOST_WAITING
+        self._room = 0  # pictures of a camera that may wait for others
         self._lines = RepeatedLines()
         self._too_early = range(0)  # stamps [ns]: too soon after the last set (period)
         self._posed = DeferredPublisher(self, self._outputs, '')
@@ -120,8 +119,7 @@ class FixedCameras(StageNode):
             check_size(self._masks[camera], frame.lens.pinhole, frame.name)
         self._last[camera] = header.stamp_ns
         self._sets.add(camera, frame.stamp_ns, _Waiting(frame, time.monotonic()))
-        self._room = max(1, min(_MOST_WAITING, _MOST_BYTES // (
-            len(self._settings.cameras) * frame.image.nbytes)))
+        self._room = most_waiting(len(self._settings.cameras) * frame.image.nbytes)
         self._join()
 
     def _look(self) -> None:

@@ -19,7 +19,7 @@ from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import Picture, most_waiting, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -36,8 +36,7 @@ from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
-_WAITING = 100  # images that may wait for a pose
-_MOST_BYTES = 1 << 28  # of these together
+_LENSES = 100  # of the last camera_info
 
 
 class _Waiting(NamedTuple):
@@ -161,7 +160,7 @@ class SweepDriver(StageNode):
             stamp_ns = header_from(message.header).stamp_ns
             self._lenses.pop(stamp_ns, None)  # the newest is the last
             self._lenses[stamp_ns] = self._lens
-            if len(self._lenses) > _WAITING:
+            if len(self._lenses) > _LENSES:
                 del self._lenses[next(iter(self._lenses))]
 
     def _lens_of(self, waiting: _Waiting) -> Lens | None:
@@ -188,9 +187,7 @@ class SweepDriver(StageNode):
         self._waiting.append(_Waiting(name, header, message, self._lens, time.monotonic()))
         self._look.reset()
         self._take_waiting()
-        while len(self._waiting) > 1 and (
-                len(self._waiting) > _WAITING
-                or sum(len(each.image.data) for each in self._waiting) > _MOST_BYTES):
+        while len(self._waiting) > most_waiting(len(message.data)):
             self._give_up(self._waiting.popleft(),
                           f'{len(self._waiting)} younger ones wait too')
 
