@@ -45,6 +45,11 @@ class Box:
         """(3,) its greatest corner [m]."""
         return np.array(self.center) + np.array(self.size) / 2
 
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(8, 3) all of them [m]."""
+        return np.array(list(itertools.product(*zip(self.low, self.high, strict=True))))
+
     def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
         """(n,) which points (n, 3) lie in the box."""
         reach = np.array(self.size) / 2 + 1e-9
@@ -72,10 +77,7 @@ class Region(Box):
 
         camera: to that frame. Raises LocalizationError where it reaches behind the camera.
         """
-        corners = np.array(list(itertools.product(*(
-            (middle - side / 2, middle + side / 2)
-            for middle, side in zip(center, size, strict=True)))))
-        seen = (corners - camera[:3, 3]) @ camera[:3, :3]
+        seen = (Box(center, size).corners - camera[:3, 3]) @ camera[:3, :3]
         low, high = seen.min(axis=0), seen.max(axis=0)
         x, y, z = ((low + high) / 2).tolist()
         width, height, depth = (high - low).tolist()
@@ -103,20 +105,16 @@ class Region(Box):
 
     def footprint(self, pinhole: Pinhole, depth: float) -> tuple[float, float, float, float]:
         """Left, top, right, bottom pixel of the box at a depth, not cut at the image's border."""
-        x, y, _ = np.array(self.center)
-        half_x, half_y = self.size[0] / 2, self.size[1] / 2
-        corners = pinhole.project(np.array([[x - half_x, y - half_y, depth],
-                                            [x + half_x, y + half_y, depth]]))
-        return corners[0, 0], corners[0, 1], corners[1, 0], corners[1, 1]
+        (left, top), (right, bottom) = pinhole.project(
+            np.array([[*self.low[:2], depth], [*self.high[:2], depth]]))
+        return left, top, right, bottom
 
     def window(self, pinhole: Pinhole, radius: float) -> Window:
         """The part of the image that an object of this radius, its origin in the box, can cover.
 
         Raises LocalizationError when that is outside the image.
         """
-        ends = [(middle - side / 2, middle + side / 2)
-                for middle, side in zip(self.center, self.size, strict=True)]
-        bounds = sphere_bounds(pinhole, np.array(list(itertools.product(*ends))), radius)
+        bounds = sphere_bounds(pinhole, self.corners, radius)
         left, top = np.clip(np.floor(bounds[:, :2].min(axis=0)), 0, None)
         right, bottom = np.clip(np.ceil(bounds[:, 2:].max(axis=0)) + 1, None,
                                 (pinhole.width, pinhole.height))

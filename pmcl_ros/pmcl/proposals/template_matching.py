@@ -216,14 +216,14 @@ def _best(bounds: NDArray[np.float64], exact: _Exact, begin: int, known: NDArray
     them. known: scores of others.
     """
     found = []
-    known = np.sort(known)[-count:]
-    left = np.flatnonzero(bounds > (known[0] if len(known) == count else -np.inf))
+    known = np.sort(np.concatenate([np.full(count, -np.inf), known]))[-count:]
+    left = np.flatnonzero(bounds > known[0])
     while len(left):
         first, left = _highest(left, bounds)
         scores, places = exact(begin + first)
         found.append((begin + first, scores, places))
         known = np.sort(np.concatenate([known, scores]))[-count:]
-        left = left[bounds[left] > (known[0] if len(known) == count else -np.inf)]
+        left = left[bounds[left] > known[0]]
     if not found:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
     pairs, scores, places = (np.concatenate(part) for part in zip(*found, strict=True))
