@@ -191,7 +191,7 @@ def best_assignment(own: Sequence[NDArray[np.float64]],
 
 def most_candidates(objects: int) -> int:
     """Largest number of candidates of each of so many objects."""
-    return max(int(MOST_ASSIGNMENTS ** (1 / objects) + 1e-9) - 1, 1)
+    return int(MOST_ASSIGNMENTS ** (1 / objects)) - 1
 
 
 def _along(values: NDArray[np.float64], axes: tuple[int, ...], count: int) -> NDArray[np.float64]:

@@ -199,9 +199,9 @@ def resolve_penetration(objects: Sequence[PlacedObject], most: float = np.inf) -
     deviations = np.zeros((len(objects), 6))
     contacts: dict[tuple[int, ...], Contact] = {
         pair: _contact(objects, poses, *pair) for pair in combinations(range(len(objects)), 2)}
+    if not contacts:
+        return Resolution(deviations, 0.0, -np.inf, ())
     for _ in range(_ITERATIONS):
-        if not contacts:
-            break
         first, second = max(contacts, key=lambda pair: contacts[pair].depth)
         deepest = contacts[first, second]
         if deepest.depth <= _RESIDUAL:
@@ -222,15 +222,13 @@ def resolve_penetration(objects: Sequence[PlacedObject], most: float = np.inf) -
         for pair in contacts:
             if first in pair or second in pair:
                 contacts[pair] = _contact(objects, poses, *pair)
-    last = max(contacts, key=lambda pair: contacts[pair].depth, default=())
-    depth = contacts[last].depth if last else -np.inf
-    return Resolution(deviations, _cost(objects, deviations), depth, last)
+    last = max(contacts, key=lambda pair: contacts[pair].depth)
+    return Resolution(deviations, _cost(objects, deviations), contacts[last].depth, last)
 
 
 def deepest_penetration(objects: Sequence[tuple[Interior, NDArray[np.float64]]]) -> float:
-    """Depth [m] of the deepest pair of objects at poses (4, 4); 0 or less without penetration."""
-    return max((contact(*one, *other).depth for one, other in combinations(objects, 2)),
-               default=0.0)
+    """Depth [m] of the deepest pair of objects at poses (4, 4); 0 without penetration."""
+    return max([0.0, *(contact(*one, *other).depth for one, other in combinations(objects, 2))])
 
 
 def _contact(objects: Sequence[PlacedObject], poses: NDArray[np.float64], first: int, second: int

@@ -114,7 +114,7 @@ class ListedObjects:
                  for number, each in zip(self.numbers, result, strict=True) if not each.lost]
         return SceneEstimate(self.names, tuple(result),
                              tuple(alone[number] for number in self.numbers),
-                             max(deepest_penetration(there), 0.0))
+                             deepest_penetration(there))
 
 
 def distinct_names(names: Sequence[str], kinds: Sequence[Hashable] = ()) -> list[str]:

@@ -122,8 +122,7 @@ class SceneSearch:
         """
         observations = {each: self._candidates[each] for each in assigned if each is not None}
         found: dict[Member, PoseEstimate] = {}
-        depths = {each: float(seen.pose[2, 3]) for each, seen in observations.items()}
-        for member in sorted(observations, key=lambda each: (depths[each], each)):
+        for member in sorted(observations, key=lambda each: (observations[each].pose[2, 3], each)):
             others = [seen for each, seen in observations.items() if each != member]
             found[member] = self._estimate(member, observations[member], others)
             observations[member] = self._at(member, found[member].pose)

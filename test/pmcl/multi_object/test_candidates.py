@@ -154,6 +154,25 @@ def test_what_is_no_object_takes_the_worse_poses_in_its_place_with_it(observed):
     assert sorted(made.assigned(), key=str) == [members[1], None]
 
 
+def test_what_had_no_support_beside_another_is_there_once_that_one_is_not(observed):
+    """A tenth of its contour is its own; the edges along the rest are those of a cup before it."""
+    (left, _, _), _ = observed
+    own = np.zeros((len(left.points.pixels), 2))
+    own[::10] = 5  # px
+    points = replace(left.points, depths=left.points.depths + 0.001,
+                     pixels=left.points.pixels + own, evidence=0.9 * left.points.evidence)
+    behind = replace(left, pose=standing(-0.04, 0, 0.6), points=points, local=replace(
+        left.local, evidence=0.9 * left.local.evidence))
+    made, ((cup,), (other,)) = candidates([1, 0], [left], [behind], least_support=-5)
+    assert made.value(other, [cup]) > 0
+    assert made.support(other, [cup]) < -5 < made.support(other, [])
+    assert made.assigned() == [None, cup]
+    made.exclude(cup)
+    assert made.assigned() == [other, None]
+    made.exclude(other)
+    assert made.assigned() == [None, None]
+
+
 def test_what_is_more_likely_absent_has_no_support_and_what_is_hidden_is_out_of_view(observed):
     (left, right, _), _ = observed
     mean = left.points.lengths @ left.points.evidence / left.points.lengths.sum()
@@ -173,6 +192,10 @@ def test_what_is_more_likely_absent_has_no_support_and_what_is_hidden_is_out_of_
                        for each in (1.0, 0.5))
         assert whole - half == pytest.approx(1 / part)
     assert support_beside(behind, [cup], 0.3, -9) > support_beside(behind, [], 0.3, -9)
+    # What is hidden is no reason to take the rest for absent.
+    mean = behind.points.lengths @ behind.points.evidence / behind.points.lengths.sum()
+    assert support_beside(behind, [], 0.3, mean + 0.01) == -np.inf
+    assert support_beside(behind, [cup], 0.3, mean + 0.01) > -np.inf
     # Together both are worth what is seen of them.
     made, ((one,), (other,)) = candidates([0, 1], [cup], [behind])
     gains = [scale * (visible_evidence(each.points, [beside], scale).value
@@ -196,3 +219,34 @@ def test_to_be_moved_apart_costs_two_as_much_as_they_are_sure(observed):
                                           for each in both]).cost)
     assert costs[0] > 2 * costs[1] > 0
     assert values[1] - values[0] == pytest.approx(costs[0] - costs[1])
+
+
+def test_two_are_both_there_if_to_move_them_apart_costs_less_than_the_worse_one_is_worth(observed):
+    (left, _, _), _ = observed
+    beside = retract(LEFT, np.array([[TOUCHING + 0.0015, 0, 0, 0, 0, 0]]))[0]
+    sure = replace(left.local, model_error=1e-8 * np.eye(len(left.local.gradient)))
+    cup, worse = (replace(left, pose=pose, local=sure) for pose in (LEFT, beside))
+    cost = resolve_penetration([PlacedObject(INTERIORS[0], each.pose, each.covariance)
+                                for each in (cup, worse)]).cost
+    assert cost < 0.1 * sure.evidence
+    for part, there in ((1.1, True), (0.9, False)):
+        worse = replace(worse, local=replace(sure, evidence=part * cost / sure.scale))
+        made, ((one, other), _) = candidates([0, 0], [cup, worse])
+        assert np.isfinite(made.value(one, [other])) == there
+    # They are as deep in each other as may be: what is one of them says nothing of the other.
+    made.exclude(one)
+    assert other in made.assigned()
+
+
+def test_two_that_nothing_moves_apart_are_not_both_there(observed):
+    """Only how they are turned is not sure."""
+    (left, _, aside), _ = observed
+    basis = left.local.basis
+    turned = basis.T @ np.diag([0, 0, 0, 1e6, 1e6, 1e6]) @ basis
+    # The last points are corners, and what is inside: they are enough, and quickly compared.
+    interiors = [replace(each, samples=each.samples[-60:], sample_normals=each.sample_normals[-60:]
+                         ) for each in INTERIORS]
+    made = Candidates([CUP, BOTTLE], interiors, [0, 0], 0.0, -1e3)
+    one, other = made.add(0, [replace(each, local=replace(each.local, model_error=turned))
+                              for each in (left, aside)])
+    assert made.value(one, [other]) == -np.inf

@@ -54,26 +54,55 @@ def test_depth_in_a_box_is_that_of_its_nearest_side_corner_or_edge():
     np.testing.assert_allclose(found, expected, atol=2 * NEAR)
 
 
+def test_a_little_below_a_flat_side_the_depth_is_exact():
+    points = np.random.default_rng(2).uniform([-0.015, -0.025, 0.049], [0.015, 0.025, 0.049],
+                                              (500, 3))
+    np.testing.assert_allclose(BOX.depths(points)[0], 0.001, atol=1e-9)
+
+
+def test_behind_an_edge_that_points_inwards_the_depth_is_to_the_edge():
+    """That of a head on a neck."""
+    outline = [(0, -0.05), (0.02, -0.05), (0.02, 0), (0.05, 0), (0.05, 0.05), (0, 0.05)]
+    solid = interior_of(trimesh.creation.revolve(outline, sections=96))
+    angle = np.linspace(0, 2 * np.pi, 100)
+    for within, above in ((0.0005, 0.004), (0.004, 0.0005)):
+        radius = 0.02 - within
+        points = np.stack([radius * np.cos(angle), radius * np.sin(angle),
+                           np.full(100, above)], axis=1)
+        np.testing.assert_allclose(solid.depths(points)[0], np.hypot(within, above), atol=NEAR)
+
+
 def test_the_largest_ball_in_a_box():
     assert BOX.core_radius == pytest.approx(0.02, abs=NEAR)
     assert np.abs(BOX.core[0]) < 0.001
     assert (np.abs(BOX.core[1:]) < [0.011, 0.031]).all()
 
 
-@pytest.mark.parametrize('apart', [0.02, 0.05, 0.058])
+@pytest.mark.parametrize('apart', [0.005, 0.02, 0.05, 0.058])
 def test_two_balls_are_as_deep_in_each_other_as_their_centres_say(apart):
     turn = Rotation.from_euler('xyz', [0.3, 0.5, 0.7])
     place = np.array([0.1, -0.2, 0.5])
     way = np.array([0.6, 0.0, 0.8])
-    found = contact(BALL, pose_of(turn, place + apart * way), BALL, pose_of(turn, place))
-    # Of a point of its surface, not of what is inside it.
-    assert found.depth == pytest.approx(0.03 - abs(0.03 - apart), abs=2 * NEAR)
+    found = contact(BALL, pose_of(turn.inv(), place + apart * way), BALL, pose_of(turn, place))
+    # Of a point of its surface, or of its middle.
+    assert found.depth == pytest.approx(0.03 - min(apart, abs(0.03 - apart)), abs=2 * NEAR)
     np.testing.assert_allclose(found.normal, way, atol=0.12)
     back = contact(BALL, pose_of(turn, place), BALL, pose_of(turn, place + apart * way))
     assert back.depth == pytest.approx(found.depth, abs=2 * NEAR)
     np.testing.assert_allclose(back.normal, -way, atol=0.12)
+    assert np.linalg.norm(found.normal) == pytest.approx(1, abs=1e-9)
     outside = contact(BALL, pose_of(turn, place), BALL, pose_of(turn, place + 0.061 * way))
     assert outside.depth < 0
+
+
+def test_a_corner_of_a_box_is_the_deepest_point_in_a_ball():
+    box = pose_of(Rotation.from_euler('xyz', [0.3, 0.5, 0.7]), [0.1, -0.2, 0.5])
+    corner, way = box[:3, :3] @ [0.02, 0.03, 0.05] + box[:3, 3], box[:3, :3] @ [0.6, 0.64, 0.48]
+    ball = pose_of(Rotation.from_euler('xyz', [2.0, 0.1, -1.0]), corner + 0.025 * way)
+    for sign, found in ((1, contact(BALL, ball, BOX, box)), (-1, contact(BOX, box, BALL, ball))):
+        assert found.depth == pytest.approx(0.005, abs=NEAR)
+        np.testing.assert_allclose(found.place, corner, atol=1e-9)
+        np.testing.assert_allclose(found.normal, sign * way, atol=0.1)
 
 
 @pytest.mark.parametrize('turn', [[0, 0, 0], [np.pi, 0, 0]])
@@ -102,12 +131,14 @@ def test_a_ball_in_a_jar_is_in_its_cavity_if_the_mesh_has_one():
 
 
 def test_nothing_is_in_a_mesh_that_is_not_closed(caplog):
-    mesh = trimesh.creation.box((0.1, 0.1, 0.1))
+    mesh = trimesh.creation.icosphere(2, 0.05)
     mesh.update_faces(np.arange(len(mesh.faces)) > 1)
     sheet = interior_of(mesh)
     assert 'not closed' in caplog.text
     assert sheet.core_radius == 0
     assert contact(sheet, np.eye(4), sheet, np.eye(4)).depth <= 0
+    assert contact(BALL, at(0, 0, 0.05), sheet, np.eye(4)).depth > 0.02  # it is in the ball
+    assert contact(BALL, at(-0.05, -0.05, -0.05), sheet, np.eye(4)).depth < 0
 
 
 SURE = np.diag([1e-8, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
@@ -157,7 +188,7 @@ def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
     found = resolve_penetration(far)
     assert not found.deviations.any()
     assert found.cost == 0
-    assert deepest_penetration([(each.interior, each.pose) for each in far]) <= 0
+    assert deepest_penetration([(each.interior, each.pose) for each in far]) == 0
     same = [PlacedObject(BALL, at(0, 0, 0.5), SURE), PlacedObject(BALL, at(0.01, 0, 0.5), SURE)]
     given_up = resolve_penetration(same, most=10.0)
     assert given_up.cost > 10
@@ -166,8 +197,19 @@ def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
 
 def test_what_is_far_inside_is_not_outside():
     outside = outside_of(BALL, [(BOX, at(0, 0, 0.5)), (BALL, at(0, 0.2, 0.5))])
-    poses = np.stack([at(0.051, 0, 0.5), at(0.02, 0, 0.5), at(0, 0.16, 0.5), at(0, 0.13, 0.5)])
+    poses = np.stack([at(0.051, 0, 0.5), at(0.02, 0, 0.5), at(0, 0.16, 0.5), at(0, 0.15, 0.5)])
     np.testing.assert_array_equal(outside(poses), [True, False, False, True])
+
+
+def test_an_inscribed_ball_turns_with_its_object():
+    """One of 2 cm, 3 cm aside of the origin, and one of 3 cm about it."""
+    small = interior_of(trimesh.creation.icosphere(3, 0.02).apply_translation([0, 0.03, 0]))
+    turn = Rotation.from_euler('xyz', [0.3, 0.5, 0.7])
+    place = pose_of(turn, np.array([0.1, 0, 0.5]) - turn.apply([0, 0.03, 0]))
+    for apart, free in ((0.036, False), (0.044, True)):
+        other = pose_of(turn, np.array([0.1, 0, 0.5]) + apart * np.array([0.6, 0, 0.8]))
+        assert outside_of(small, [(BALL, other)])(place[None]) == free
+        assert outside_of(BALL, [(small, place)])(other[None]) == free
 
 
 @settings(max_examples=8, deadline=None)
