@@ -62,9 +62,7 @@ def sees(pinhole: Pinhole, camera: NDArray[np.float64], place: tuple[float, floa
     camera: its pose (4, 4) in the frame of the place [m].
     """
     before = (np.array(place) - camera[:3, 3]) @ camera[:3, :3]
-    if before[2] <= 0:
-        return False
-    pixel = pinhole.project(before[None])[0] + 0.5
+    pixel = pinhole.project(before) + 0.5  # NaN behind the camera
     return bool((pixel >= 0).all() and (pixel < (pinhole.width, pinhole.height)).all())
 
 

@@ -124,9 +124,9 @@ class Region(Box):
 
     def middle_out_of_view(self, pinhole: Pinhole) -> str:
         """In words, that the box's middle is outside of the image; empty where it is not."""
-        (x, y), = pinhole.project(np.array([self.center]))
-        if -0.5 <= x < pinhole.width - 0.5 and -0.5 <= y < pinhole.height - 0.5:
+        if sees(pinhole, np.eye(4), self.center):
             return ''
+        x, y = pinhole.project(np.array(self.center))
         center = ', '.join(f'{each:.3g}' for each in self.center)
         return (f'the middle of the region of interest, ({center}) m, is outside of the image: at '
                 f'({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
-from pmcl_ros.pmcl.prior.odd_poses import check_poses, likely_mistake, sees
-from pmcl_ros.pmcl.prior.region import Box, regions_before, with_region
+from pmcl_ros.pmcl.prior.odd_poses import check_poses, likely_mistake, sees, without_mistakes
+from pmcl_ros.pmcl.prior.region import Box, Region, regions_before, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -61,6 +61,15 @@ def test_a_camera_sees_what_is_before_it():
     assert not sees(CAMERA, camera, tuple(np.add(PLACE, 0.5 * camera[:3, 0])))
 
 
+@pytest.mark.parametrize(('pixel', 'seen'), [
+    ((-0.4, -0.4), True), ((639.4, 479.4), True), ((-0.6, 5), False), ((5, -0.6), False),
+    ((639.6, 5), False), ((5, 479.6), False)], ids=str)
+def test_a_picture_reaches_half_a_pixel_beyond_the_middles_of_its_outer_ones(pixel, seen):
+    camera, before = around()[0], 0.7 * CAMERA.rays(np.array(pixel, float))
+    assert sees(CAMERA, camera, tuple(camera[:3, :3] @ before + camera[:3, 3])) == seen
+    assert (Region(tuple(before), (0.1, 0.1, 0.1)).middle_out_of_view(CAMERA) == '') == seen
+
+
 @pytest.mark.parametrize(('mistaken', 'told'), [
     (inverse, 'from that frame to the camera? By their inverses all 4 views see its middle'),
     (lambda pose: pose @ BACKWARDS, 'look along -z (OpenGL, Blender)?'),
@@ -74,9 +83,13 @@ def test_a_camera_sees_what_is_before_it():
     ids=['inverses', 'opengl', 'millimetres', 'link', 'transposed', 'w first', 'w last',
          'another'])
 def test_what_the_poses_seem_to_be_is_asked(mistaken, told):
-    asked = likely_mistake(of_camera(mistaken(pose) for pose in around()), PLACE)
+    given = of_camera(mistaken(pose) for pose in around())
+    asked = likely_mistake(given, PLACE)
     assert told in asked
     assert '; or ' not in asked  # nothing else explains it
+    for question, mended in without_mistakes(given):
+        if question in asked:
+            np.testing.assert_allclose([pose for _, pose in mended], around(), atol=1e-12)
 
 
 def test_each_of_two_mistakes_that_explain_it_is_asked():
@@ -95,7 +108,12 @@ def test_no_mistake_is_asked_without_which_no_more_views_see_it():
 
 def test_a_region_in_the_frame_of_a_camera_is_asked_for():
     before = np.linalg.inv(around()[0]) @ [*PLACE, 1]
-    assert "is the region in a camera's frame?" in likely_mistake(of_camera(around()), before[:3])
+    cameras, asked = of_camera(around()), "is the region in a camera's frame?"
+    assert asked in likely_mistake(cameras, before[:3])
+    # Not where one sees it, nor where one would not see it in its own frame.
+    assert asked not in likely_mistake([*cameras, (CAMERA, np.eye(4))], before[:3])
+    other = CAMERA.crop(400, 0, 200, 480)
+    assert asked not in likely_mistake([*cameras, (other, around()[0])], before[:3])
 
 
 def test_it_is_asked_where_no_view_sees_the_region():
@@ -147,4 +165,4 @@ def test_most_views_may_look_past_the_region(turned):
 def test_a_region_that_reaches_behind_the_cameras_is_told():
     wide = PmclSettings(roi_center=PLACE, roi_size=(1.6, 1.6, 1.6))
     with pytest.raises(LocalizationError, match=r'reaches to the cameras or behind .* smaller'):
-        regions_before(of_camera(around()), wide, 0.05, 'base')
+        regions_before(of_camera([*around(), around()[0] @ BACKWARDS]), wide, 0.05, 'base')

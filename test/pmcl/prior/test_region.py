@@ -29,6 +29,7 @@ def test_near_and_far_hold_the_object():
     ((0, 0, 1), (1, 0, 1), 'every size positive'),
     ((0, 0, 1), (1, 1, -1), 'every size positive'),
     ((0, 0, 0.3), (0.1, 0.1, 0.6), r'begins at 0\.000 m: it must lie in front of the camera'),
+    ((0, 0, 0.065), (0.1, 0.1, 0.1), r'begins at 0\.015 m'),
     ((0, 0, -0.5), (0.1, 0.1, 0.1), 'in front of the camera'),
 ])
 def test_impossible_regions_are_refused(center, size, message):
