@@ -59,17 +59,18 @@ bounds = st.tuples(st.floats(0, np.pi), st.floats(0, np.pi)).map(sorted).filter(
     lambda pair: pair != [0.0, np.pi])
 
 
-@given(bounds, st.integers(0, 1000))
-def test_what_is_not_possible_is_turned_as_little_as_makes_it_so(tilt, seed):
-    _, orientation = given_by(tuple(tilt))
+@given(bounds, st.integers(0, 1000), st.sampled_from([UP, np.array([1.0, 0, 0])]))
+def test_what_is_not_possible_is_turned_as_little_as_makes_it_so(tilt, seed, up):
+    _, orientation = given_by(tuple(tilt), up)
     rotations = Rotation.random(50, seed).as_matrix()
-    rotations[0] = Rotation.align_vectors([UP], [[0, 0, 1]])[0].as_matrix()  # along, and against
+    rotations[0] = Rotation.align_vectors([up], [[0, 0, 1]])[0].as_matrix()  # along, and against
     rotations[1] = rotations[0] @ FLIP[:3, :3]
     clipped = orientation.clip(rotations)
-    possible = orientation.allows(rotations)
-    angles = tilts(rotations)
-    np.testing.assert_array_equal(
-        possible, (angles >= tilt[0] - 1e-7) & (angles <= tilt[1] + 1e-7))
+    angles = tilts(rotations, up)
+    for slack in (0, 0.2):
+        np.testing.assert_array_equal(
+            orientation.allows(rotations, slack),
+            (angles >= tilt[0] - slack - 1e-7) & (angles <= tilt[1] + slack + 1e-7))
     assert orientation.allows(clipped, 1e-6).all()
     np.testing.assert_allclose(turned_by(clipped, rotations),
                                np.abs(np.clip(angles, *tilt) - angles), atol=2e-6)
@@ -121,6 +122,7 @@ def test_the_axis_is_that_of_the_symmetry_and_either_way_where_both_look_the_sam
     _, upright = given_by((0.0, 0.7), model=CUP)
     _, about_x = given_by((0.0, 0.7), model=lying)
     np.testing.assert_array_equal(about_x.allows(rotations @ turned.T), upright.allows(rotations))
+    assert about_x.allows(about_x.draw(100, np.random.default_rng(4)), 1e-7).all()
     against = replace(CUP, axis=-CUP.axis)
     np.testing.assert_array_equal(given_by((0.0, 0.7), model=against)[1].allows(rotations),
                                   upright.allows(rotations))
@@ -150,8 +152,10 @@ def test_upright_on_a_table_needs_no_direction():
     placed = with_region(settings, [(camera, np.eye(4))], 0.05)
     assert placed.roi_up == (0, -2, 0.1)
     assert placed.roi_tilt == (0, 0.3)
-    assert not with_region(settings.model_copy(update={'roi_tilt': (0, np.pi)}),
-                           [(camera, np.eye(4))], 0.05).is_oriented
+    for other, up in (({'roi_up': (0, 0, 1)}, (0, 0, 1)), ({'roi_tilt': (0, np.pi)}, (0, 0, 0))):
+        changed = with_region(settings.model_copy(update=other), [(camera, np.eye(4))], 0.05)
+        assert changed.roi_up == up
+        assert changed.is_oriented == any(up)
 
 
 @pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])

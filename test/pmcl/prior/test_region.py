@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.prior.region import Box, Region, regions_before, with_region
+from pmcl_ros.pmcl.prior.region import Box, Region, regions_before, size_in_view, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, SettingsError
 
@@ -115,6 +117,15 @@ def test_a_region_whose_middle_is_out_of_the_image_is_told():
     told = Region((0.25, 0, 0.5), (0.1, 0.1, 0.1)).middle_out_of_view(camera)
     assert 'is outside of the image: at (44, 14) px of 40x30' in told
     assert '(0.25, 0, 0.5) m' in told
+
+
+def test_an_object_is_as_large_as_its_longer_side_in_the_picture_and_nothing_behind_the_camera():
+    camera = np.eye(4)
+    camera[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]  # looks along x
+    camera[:3, 3] = 0.1, 0, 0.2
+    for pinhole in (CAMERA, replace(CAMERA, fx=260, fy=300)):
+        assert size_in_view(0.1, (0.6, 0.1, 0.2), pinhole, camera) == pytest.approx(60)
+        assert size_in_view(0.1, (-0.4, 0.1, 0.2), pinhole, camera) == 0
 
 
 def test_depths_step_evenly_over_the_box():
