@@ -50,13 +50,8 @@ class Profile:
             mesh, np.cross(model.axis, side), np.zeros(3))
         both = np.stack([cut @ side, cut @ model.axis], axis=-1)
         both = both[(both[..., 0] > 0).any(axis=1)]
-        # Segments that cross the axis end there.
-        radius, height = both[..., 0], both[..., 1]
-        span = radius[:, ::-1] - radius
-        with np.errstate(divide='ignore', invalid='ignore'):
-            at_axis = height - radius * (height[:, ::-1] - height) / span
-        height = np.where(radius < 0, at_axis, height)
-        return cls(np.stack([np.maximum(radius, 0), height], axis=-1), model.axis, side)
+        # Segments that cross the axis, which are level, end there.
+        return cls(np.maximum(both, [0, -np.inf]), model.axis, side)
 
     @property
     def bottom(self) -> float:
@@ -168,9 +163,7 @@ def _rim_grasps(profile: Profile, gripper: GripperSettings, end: str) -> Iterato
     inner = np.sqrt(hole ** 2 - (gripper.finger_width / 2) ** 2)
     middle = (inner + outer) / 2
     # Equal room on both sides of the inner finger.
-    opening = min(outer - middle + middle + inner - gripper.finger_thickness, gripper.opening)
-    if opening <= outer - inner:
-        return
+    opening = min(outer + inner - gripper.finger_thickness, gripper.opening)
     origin = profile.at(middle, profile.top - depth + gripper.tip)
     yield Grasp.from_axes(f'rim_{end}', 'rim', origin, -profile.axis, profile.side,
                           outer - inner, opening)

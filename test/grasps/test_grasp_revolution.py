@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from pmcl_scenes import model_of
 
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.revolution import Profile, grasps_of
@@ -58,13 +59,17 @@ def test_a_gripper_that_is_too_narrow_would_touch(made, vessels, mesh_of, name):
         assert touches(mesh, samples, grasp, 0.9 * grasp.width), grasp.name
 
 
-def travel(mesh, grasp, sign):
-    """(distances [m], normals) at which the pad of one finger meets the mesh when it closes."""
+def travel(mesh, grasp, sign, back=False):
+    """(distances [m], normals) at which the pad of one finger meets the mesh when it closes.
+
+    back: at which its back does when it opens.
+    """
     x, z = np.meshgrid(np.linspace(FETCH.palm, FETCH.tip, 46),
                        np.linspace(-1, 1, 9) * FETCH.finger_width / 2)
-    pad = np.stack([x.ravel(), np.full(x.size, sign * grasp.opening / 2), z.ravel()], axis=1)
+    y = sign * (grasp.opening / 2 + (FETCH.finger_thickness if back else 0))
+    pad = np.stack([x.ravel(), np.full(x.size, y), z.ravel()], axis=1)
     starts = pad @ grasp.pose[:3, :3].T + grasp.pose[:3, 3]
-    way = np.tile(-sign * grasp.closing, (len(starts), 1))
+    way = np.tile((sign if back else -sign) * grasp.closing, (len(starts), 1))
     places, rays, faces = mesh.ray.intersects_location(starts, way, multiple_hits=False)
     return np.linalg.norm(places - starts[rays], axis=1), mesh.face_normals[faces]
 
@@ -73,9 +78,10 @@ def travel(mesh, grasp, sign):
 def test_fingers_that_close_touch_the_mesh_and_hold(made, vessels, mesh_of, name):
     mesh = mesh_of(vessels[name])
     for grasp in made[name]:
-        gap = grasp.opening
+        gap, ways = grasp.opening, []
         for sign in (1, -1):
             distances, normals = travel(mesh, grasp, sign)
+            ways.append(distances.min())
             gap -= distances.min()
             assert distances.min() > FETCH.margin - 3e-4
             # where it touches, the wall faces the finger within the cone of friction
@@ -88,6 +94,26 @@ def test_fingers_that_close_touch_the_mesh_and_hold(made, vessels, mesh_of, name
             steepest = np.cos(np.arctan(FETCH.friction) + np.deg2rad(3.75))
             assert (sign * touched @ grasp.closing).max() > steepest, grasp.name
         assert gap == pytest.approx(grasp.width, abs=7e-4), grasp.name
+        assert ways[0] == pytest.approx(ways[1], abs=1e-3), grasp.name  # at the same time
+
+
+@pytest.mark.parametrize('name', ['cup', 'goblet'])
+def test_the_finger_inside_a_vessel_has_as_much_room_behind_as_before_it(made, vessels, mesh_of,
+                                                                         name):
+    mesh = mesh_of(vessels[name])
+    grasp, = (each for each in made[name] if each.name == 'rim_top')
+    before, behind = (travel(mesh, grasp, -1, back)[0].min() for back in (False, True))
+    assert behind == pytest.approx(before, abs=1e-3)
+
+
+def test_only_grasps_with_the_margin_on_every_side_are_made(vessels, made, rooms):
+    least = sorted(each.least for each in rooms)
+    margin = (least[0] + least[-1]) / 2
+    wide = FETCH.model_copy(update={'margin': margin})
+    fitted = [each.name for each in grasps_of(vessels['cup'], wide)]
+    assert fitted == [each.name for each, room in zip(made['cup'], rooms, strict=True)
+                      if room.least >= margin]
+    assert 0 < len(fitted) < len(rooms)
 
 
 def test_every_kind_is_made_where_the_vessel_allows_it(made):
@@ -145,6 +171,15 @@ def test_the_profile_is_the_outline(vessels):
     assert (turned.bottom, turned.top) == pytest.approx((-0.1, 0))
     np.testing.assert_allclose(turned.crossings(-0.05), [inner, outer])
     np.testing.assert_allclose(turned.at(0.01, 0.02), profile.at(0.01, -0.02))
+
+
+def test_the_profile_of_a_ball_is_half_a_circle():
+    """Of a mesh whose faces lie across the axis."""
+    axis = np.array([1, 2, 2]) / 3
+    segments = Profile.from_model(model_of(trimesh.creation.icosphere(4, 0.05), axis)).segments
+    assert segments[..., 0].min() == 0
+    np.testing.assert_allclose(np.hypot(*segments.reshape(-1, 2).T), 0.05, rtol=0.01)
+    assert np.ptp(segments[..., 1]) == pytest.approx(0.1, rel=0.01)
 
 
 def test_shipped_grasps_are_those_that_would_be_made(request):
