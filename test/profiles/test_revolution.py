@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from conftest import PINHOLE, PLACE, camera, masks_of, solid
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.profiles.revolution import AXIS, ENDS, Revolution
 
@@ -29,6 +30,8 @@ def test_an_edge_is_no_wider_than_the_foot(true_surface):
     assert found.edges == (0.00025, 0.001)
     assert found.wall[:, 0].min() >= 0
     assert true_surface.with_edges(np.array([0.003, 0.001]), 5e-4).edges == (0.003, 0.001)
+    flat = replace(true_surface, low=0.0, high=0.008)
+    assert flat.with_edges(np.array([0.003, 0.001]), 5e-4).edges == (0.002, 0.001)
 
 
 @pytest.mark.parametrize('number', [3, 20, *range(-ENDS - AXIS - 3, 0)])
@@ -102,3 +105,16 @@ def test_radii_stay_positive(true_surface):
     surface = true_surface.moved(thin, 5e-4)
     assert surface.wall[:, 0].min() > 0
     assert (np.diff(surface.wall[:, 1]) > 0).all()
+    heights = np.linspace(-0.05, 0.05, 60)
+    tip = Revolution.from_curve(np.eye(4), heights, np.maximum(heights, 0), 0.0025)
+    assert tip.radii.min() > 0
+
+
+def test_a_step_turns_the_axis_and_leaves_the_ends_where_they_would_change_places(true_surface):
+    n = len(true_surface.radii)
+    step = np.zeros(n + ENDS + AXIS)
+    step[n], step[-2:] = 0.2, (0.3, -0.2)
+    moved = true_surface.moved(step, 5e-4)
+    assert (moved.low, moved.high) == (true_surface.low, true_surface.high)
+    np.testing.assert_allclose(moved.frame[:3, :3], true_surface.frame[:3, :3]
+                               @ Rotation.from_rotvec([0.3, -0.2, 0]).as_matrix(), atol=1e-12)
