@@ -144,8 +144,8 @@ def _adjustment(fit: '_Fit', matches: '_Matches', reported: NDArray[np.float64]
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))
     motions = (sigma * fit.unit).reshape(-1, 2, 3)
     largest = np.linalg.norm(motions, axis=2).max(axis=0)
-    return CameraAdjustment(cameras, np.linalg.cholesky(covariance).reshape(number, 6, -1),
-                            before, after, (float(largest[0]), float(largest[1])))
+    root = np.asarray(np.linalg.cholesky(covariance), float).reshape(number, 6, -1)
+    return CameraAdjustment(cameras, root, before, after, (float(largest[0]), float(largest[1])))
 
 
 def _sigma(number: int) -> NDArray[np.float64]:
