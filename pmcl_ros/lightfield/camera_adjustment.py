@@ -29,7 +29,7 @@ _GATE = 4.0  # standard deviations of reported poses that a match may be off its
 _BEHIND = 2.0  # the same, by which reported rotations may put what is far away behind the cameras
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # matches of a pair of views
-_ITERATIONS = 15  # of reweighted least squares
+_CAUCHY, _GEMAN_MCCLURE = 12, 8  # iterations of reweighted least squares with their tails
 _STEP = 1e-3  # standard deviations of reported poses, of derivatives
 _NEXT = 4  # views before and after each in the list, of which one is chosen to judge any poses
 _NEIGHBOURS = 3  # views that each view is matched with
@@ -113,16 +113,16 @@ def adjust_cameras(views: Sequence[PosedView], features: Sequence[Features]
                    ) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures, by the features of each.
 
-    None where too few match, or no likely poses fit the matches within `MATCHED`. Reported poses
+    None where too few match, or no likely poses fit most pairs within `MATCHED`. Reported poses
     are taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
-    `MATCHED`, with Cauchy's tails. A pattern that repeats can match wrongly in all of a pair of
+    `MATCHED`, with heavy tails. A pattern that repeats can match wrongly in all of a pair of
     views: motions are fitted without such pairs, one after the other, until they are likely and
     all other pairs fit them.
     """
     reported = np.array([each.camera_to_reference for each in views])
     matches = _Matches.between(features, reported)
-    most = chdtri(6 * (len(views) - 1), _UNLIKELY)
-    while len(matches.views):
+    most, fewest = chdtri(6 * (len(views) - 1), _UNLIKELY), len(matches.views) / 2
+    while len(matches.views) >= max(fewest, 1):
         fit = _Fit.of(matches, reported)
         distances = matches.median_distances(_moved(reported, fit.unit))
         if fit.unit @ fit.unit > most:
@@ -140,7 +140,7 @@ def _adjustment(fit: '_Fit', matches: '_Matches', reported: NDArray[np.float64]
     cameras = _moved(reported, fit.unit)
     before, after = (float(np.median(np.abs(matches.distances(each))))
                      for each in (reported, cameras))
-    covariance = sigma[:, None] * np.linalg.inv(fit.information) * sigma + np.diag(
+    covariance = sigma[:, None] * fit.covariance * sigma + np.diag(
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))
     motions = (sigma * fit.unit).reshape(-1, 2, 3)
     largest = np.linalg.norm(motions, axis=2).max(axis=0)
@@ -229,39 +229,47 @@ class _Matches:
 class _Fit:
     """Motions that fit matches best.
 
-    unit: (6 n,) in standard deviations of reported poses. information: (6 n, 6 n) of it. pairs:
-    (p, 6 n, 6 n) what each pair tells, pulls: (p, 6 n) and how it pulls the motions.
+    unit: (6 n,) in standard deviations of reported poses. covariance: (6 n, 6 n) of it. rows:
+    (p, 12) those of the two views of each pair. pairs: (p, 12, 12) its information on them.
+    pulls: (p, 12) and how it pulls them.
     """
 
     unit: NDArray[np.float64]
-    information: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    rows: NDArray[np.intp]
     pairs: NDArray[np.float64]
     pulls: NDArray[np.float64]
 
     @classmethod
     def of(cls, matches: _Matches, reported: NDArray[np.float64]) -> '_Fit':
-        """By reweighted least squares: each step lessens the cost."""
-        count, size = len(matches.views), 6 * len(reported)
-        starts = np.searchsorted(matches.pair, np.arange(count))
-        rows = (6 * matches.views[:, :, None] + np.arange(6)).reshape(count, 12)
-        unit = np.zeros(size)
-        for _ in range(_ITERATIONS):
+        """By reweighted least squares.
+
+        Cauchy's tails bring what is far off nearer; those of Geman and McClure then leave out what
+        stays far off.
+        """
+        starts = np.searchsorted(matches.pair, np.arange(len(matches.views)))
+        rows = (6 * matches.views[:, :, None] + np.arange(6)).reshape(-1, 12)
+        unit = np.zeros(6 * len(reported))
+        for power in (1,) * _CAUCHY + (2,) * _GEMAN_MCCLURE:
             off = matches.distances(_moved(reported, unit)) / MATCHED
             slopes = matches.slopes(reported, unit) / MATCHED
-            weighted = slopes / (1 + np.square(off))[:, None]
-            each, pairs, pulls = (np.arange(count)[:, None], np.zeros((count, size, size)),
-                                  np.zeros((count, size)))
-            pairs[each[:, :, None], rows[:, :, None], rows[:, None]] = np.add.reduceat(
-                weighted[:, :, None] * slopes[:, None], starts)
-            pulls[each, rows] = np.add.reduceat(weighted * off[:, None], starts)
-            information = pairs.sum(axis=0) + np.eye(size)
-            unit = unit - np.linalg.solve(information, pulls.sum(axis=0) + unit)
-        return cls(unit, information, pairs, pulls)
+            weighted = slopes / (1 + np.square(off))[:, None] ** power
+            pairs = np.add.reduceat(weighted[:, :, None] * slopes[:, None], starts)
+            pulls = np.add.reduceat(weighted * off[:, None], starts)
+            information, gradient = np.eye(len(unit)), unit.copy()
+            np.add.at(information, (rows[:, :, None], rows[:, None]), pairs)
+            np.add.at(gradient, rows, pulls)
+            covariance = np.asarray(np.linalg.inv(information), float)
+            unit = unit - covariance @ gradient
+        return cls(unit, covariance, rows, pairs, pulls)
 
     def unlikely_pair(self) -> int:
         """The pair without which motions are most likely, to first order."""
-        without = self.unit + np.linalg.solve(self.information - self.pairs,
-                                              self.pulls[:, :, None])[:, :, 0]
+        # Woodbury's identity takes a pair from the information.
+        own = self.covariance[self.rows[:, :, None], self.rows[:, None]]
+        lacking = np.linalg.solve(np.eye(12) - self.pairs @ own, self.pulls[:, :, None])
+        without = self.unit + np.einsum('ipj,pj->pi', self.covariance[:, self.rows],
+                                        lacking[:, :, 0])
         return int(np.argmin(np.square(without).sum(axis=1)))
 
 
