@@ -128,7 +128,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
             if results is not None:
                 files = [each for each in (calibration, given.collect) if each is not None]
                 files += [] if camera is None else list_pictures(camera[1])
-                used = settings(plan, files, count, time.perf_counter() - started)
+                used = settings(plan, {each.name: each for each in files} | given.mask_files,
+                                count, time.perf_counter() - started)
                 results.path('settings.json').write_text(json.dumps(used, indent=1) + '\n')
     if stop.is_set():
         STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')

@@ -126,6 +126,14 @@ class GivenReading:
         return Reading(self.every, self.shrink, Metric(self.scale, self.distance), bag,
                        self._errors(), self.masks)
 
+    @property
+    def mask_files(self) -> dict[str, Path]:
+        """Those of `masks`, by their paths from the folder that holds it."""
+        if self.masks is None:
+            return {}
+        return {each.relative_to(self.masks.parent).as_posix(): each
+                for each in [self.masks, *sorted(self.masks.rglob('*'))]}
+
     def _bag_views(self) -> BagViews | None:
         """How images with poses of a bag are read, where that is said."""
         topics = {'image_topic': self.image_topic, 'pose_topic': self.pose_topic}

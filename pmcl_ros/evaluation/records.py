@@ -6,7 +6,7 @@ import os
 import platform
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -96,11 +96,11 @@ def _numbers(values: Sequence[float]) -> str:
     return ' '.join(repr(float(each)) for each in values)
 
 
-def settings(plan: TrialPlan, files: Sequence[Path], processes: int, seconds: float
+def settings(plan: TrialPlan, files: Mapping[str, Path], processes: int, seconds: float
              ) -> dict[str, Any]:
     """All that is needed to make a table again, on any machine.
 
-    files: files that were read beside the captures, as calibration and white image.
+    files: by name, those that were read beside the captures, as calibration and white image.
     """
     numbers = _numbers_of(plan)
     return {
@@ -112,7 +112,7 @@ def settings(plan: TrialPlan, files: Sequence[Path], processes: int, seconds: fl
         'processes': processes,
         'seconds': round(seconds, 1),
         'command': sys.argv[1:],
-        'files': {each.name: sha256(each) for each in files if each.is_file()},
+        'files': {name: sha256(each) for name, each in files.items() if each.is_file()},
         'seeds': list(plan.seeds),
         'rows': {each.name: {
             'base': each.base, 'search': each.search(plan.captures[0]).model_dump(

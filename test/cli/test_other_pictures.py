@@ -155,10 +155,16 @@ def test_a_colmap_model_and_a_robot_s_bag_are_evaluated_as_the_views(capture, tm
             shutil.copy(capture / known, captures / name)
     settings = tmp_path / 'collect.yaml'
     settings.write_text('{sigma_position: 0.5, gap: 0.3}')
+    masks = tmp_path / 'masks'
+    masks.mkdir()
+    for number, view in enumerate(views.views):
+        white = np.full(view.picture.shape[:2], 255, np.uint8)
+        cv2.imwrite(str(masks / f'{number}.png.png'), white)
     pmcl('evaluate', captures, '--trials', 1, '--processes', 2, '--out', tmp_path / 'out',
-         '--scale', 2.5, '--image-topic', '/eye/image', '--collect', settings,
+         '--scale', 2.5, '--masks', masks, '--image-topic', '/eye/image', '--collect', settings,
          '--sigma-mm', 1, '--sigma-deg', 0.2, '--common', 0)
-    assert 'collect.yaml' in json.loads((tmp_path / 'out' / 'settings.json').read_text())['files']
+    assert set(json.loads((tmp_path / 'out' / 'settings.json').read_text())['files']) == {
+        'collect.yaml', 'masks/0.png.png', 'masks/1.png.png'}
     rows = results(tmp_path / 'out')
     assert [each['capture'] for each in rows] == ['bag', 'colmap', 'views']
     assert not any(each['lost'] == 'True' for each in rows)

@@ -82,7 +82,7 @@ def test_trials_are_on_disk_as_soon_as_they_are_added(tmp_path):
 def test_settings_say_what_a_table_was_made_with(plan, tmp_path):
     white = tmp_path / 'white.RAW'
     white.write_bytes(b'white')
-    values = json.loads(json.dumps(settings(plan, [white, tmp_path], 2, 3.0)))
+    values = json.loads(json.dumps(settings(plan, {'white.RAW': white, 'all': tmp_path}, 2, 3.0)))
     assert values['rows']['moves=2']['search']['moves'] == 2
     assert values['rows']['default']['search']['moves'] != 2
     assert [each['obj_id'] for each in values['captures']] == [1, 2, 1]
