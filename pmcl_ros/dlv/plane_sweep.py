@@ -57,8 +57,8 @@ def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: i
     likelihood = _likelihood(pairs, depths, settings)
     if not likelihood.any():
         _LOG.warning('no other view sees what view %d does between %g and %g m: the volume says '
-                     'nothing; are poses and depths right?', pairs.number, settings.near,
-                     settings.far)
+                     'nothing; are poses and depths right, or do masks hide it?', pairs.number,
+                     settings.near, settings.far)
     if settings.truncate:
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
     frame = views.header.frame_id

@@ -1,5 +1,4 @@
-"""Masks: where pictures show what moves with the camera, such as a gripper, which is no evidence.
-"""
+"""Masks: where pictures show what is no evidence, as a gripper that moves with the camera."""
 
 import os
 from pathlib import Path
@@ -18,7 +17,8 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
     and where it is black everywhere.
     """
     if not os.path.isfile(path):  # which takes any name
-        raise LightFieldError(f'there is no {path}, which is to be a mask')
+        raise LightFieldError(f'there is no {path}, which is to be a mask; one that leaves out '
+                              'nothing is white everywhere')
     mask = np.asarray(read_picture(path).any(axis=2))
     if not mask.any():
         raise LightFieldError(f'{path}: the mask is black everywhere, so that nothing would '
