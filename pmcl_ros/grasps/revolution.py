@@ -50,7 +50,7 @@ class Profile:
             mesh, np.cross(model.axis, side), np.zeros(3))
         both = np.stack([cut @ side, cut @ model.axis], axis=-1)
         both = both[(both[..., 0] > 0).any(axis=1)]
-        # Segments that cross the axis, which are level, end there.
+        # Segments that cross the axis end there; they are about level: their height may stay.
         return cls(np.maximum(both, [0, -np.inf]), model.axis, side)
 
     @property
