@@ -33,12 +33,10 @@ class PosedEvidence:
 class AssumedCameras:
     """Cameras of views in place of those that are given as exact.
 
-    poses: (n, 4, 4) to the reference frame. sigma: of them [m, rad], half of whose variance is
-    common to all. errors: as of `ViewsEvidence`, in place of sigma; None: there is sigma.
+    poses: (n, 4, 4) to the reference frame. errors: as of `ViewsEvidence`; None: they are exact.
     """
 
     poses: NDArray[np.float64]
-    sigma: tuple[float, float] = (0.0, 0.0)
     errors: NDArray[np.float64] | None = None
 
 
@@ -82,7 +80,7 @@ class ViewsEvidence:
     def with_cameras(self, assumed: AssumedCameras) -> 'ViewsEvidence':
         """The same views, with other cameras."""
         return replace(self, errors=assumed.errors, views=tuple(
-            replace(each, camera_to_reference=pose, sigma=assumed.sigma, group='all', common=0.5)
+            replace(each, camera_to_reference=pose, sigma=(0.0, 0.0))
             for each, pose in zip(self.views, assumed.poses, strict=True)))
 
     @property

@@ -20,7 +20,7 @@ from pmcl_ros.lightfield.camera_adjustment import (
 )
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
+from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, CameraScale
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.multi_view.view_warnings import SCALE_ADVICE
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
@@ -30,6 +30,8 @@ _ADVICE = ('check the hand-eye transform, or state the errors of the poses: sigm
            'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
 _OF_OBJECT = 'check the size of the mesh, whether it has holes, and whether the object moved'
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
+_SCALE = 0.01  # share by which their distances, or the mesh, are then taken to be off
+_MOST_OFF = 3.0  # times as much: of an arm that is not good; by more, something else is wrong
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 _SAME = 1e-9  # m: poses that are equal
 
@@ -146,7 +148,7 @@ def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[
     adjusted = adjust_cameras(pictures.views, features)
     if adjusted is None or not adjusted.is_needed:
         return None
-    cameras = AssumedCameras(adjusted.cameras, errors=adjusted.root)
+    cameras = AssumedCameras(adjusted.cameras, adjusted.root)
     fitting = evidence.with_cameras(cameras)
     found = search(fitting)
     if found.estimate.lost:  # nothing says that these poses are better: patterns can repeat
@@ -193,17 +195,24 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
     """
     if not lost.estimate.incomplete or _is_one_camera(evidence):
         return None
-    cameras = AssumedCameras(np.array([each.camera_to_reference for each in evidence.views]), _OFF)
+    poses = np.array([each.camera_to_reference for each in evidence.views])
+    errors = CameraErrors.from_views([replace(each, sigma=_OFF, group='all', common=0.5)
+                                      for each in evidence.views])
+    # By this scale, about the object, rays alone place it, not its size in the pictures.
+    errors = errors.with_scale(poses, lost.estimate.pose[:3, 3], _SCALE)
+    cameras = AssumedCameras(poses, errors.root)
     loose = evidence.with_cameras(cameras)
     found = search(loose)
     if found.estimate.lost:
         return None
-    position, rotation = _OFF
+    larger = found.understated if found.understated > CLEARLY_LARGER else 1.0
+    position, rotation, scale = min(larger, _MOST_OFF) * np.array([*_OFF, _SCALE])
     away = np.median([np.linalg.norm(each.camera_to_reference[:3, 3] - found.estimate.pose[:3, 3])
                       for each in evidence.views])
-    off = (f'{1e3 * position:.1f} mm and {np.rad2deg(rotation):.1f} degrees, or the mesh by '
-           f'{1e3 * np.hypot(position, rotation * away):.1f} mm')
-    if found.understated > CLEARLY_LARGER:  # no good arm: something else is wrong
+    off = (f'{1e3 * position:.1f} mm, {np.rad2deg(rotation):.1f} degrees and {100 * scale:.1f} % '
+           f'of their distances, or the mesh by {1e3 * np.hypot(position, rotation * away):.1f} '
+           f'mm and {100 * scale:.1f} %')
+    if larger > _MOST_OFF:
         finer = round(max(each.evidence.pinhole.fx for each in evidence.views) / _FOCAL)
         smaller = (f'; or make pixels {finer} times as large (--shrink {finer})' if finer > 1
                    else '')
@@ -212,7 +221,7 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
         return None
     _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
                  off, _ADVICE, _OF_OBJECT)
-    return _with_cameras(found, cameras), loose
+    return _with_cameras(replace(found, understated=1.0), cameras), loose  # the line tells it
 
 
 def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, search: _Search
