@@ -7,27 +7,27 @@ cameras stand to each other but for the scale; what it does not see stays as rep
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.epipolar import parallax, sampson
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.features import (
+    FEWEST,
+    MATCHED,
+    Features,
+    essential_inliers,
+    match_features,
+)
 from pmcl_ros.lightfield.posed_view import PosedView
 
 _PRIOR = 0.002, 0.007  # m, rad: how far reported poses are off, of each axis: two of a good arm's
 _UNLIKELY = 0.01  # probability that they are farther off: matches of a pattern that repeats
 _FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fraction of a pixel
-_FEATURES = 1500  # of a picture
-_LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the size
-_RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
-MATCHED = 0.5  # px: noise of a match
 _GATE = 4.0  # standard deviations of reported poses that a match may be off its line
 _BEHIND = 2.0  # the same, by which reported rotations may put what is far away behind the cameras
-_FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # matches of a pair of views
 _CAUCHY, _GEMAN_MCCLURE = 12, 8  # iterations of reweighted least squares with their tails
 _STEP = 1e-3  # standard deviations of reported poses, of derivatives
@@ -42,7 +42,7 @@ class CameraAdjustment:
 
     cameras: (n, 4, 4) camera to reference. root: (n, 6, k) what they may still be off, as
     `CameraErrors.root`. before, after: median distance of matches from their epipolar lines with
-    the reported and these poses [px], in pictures of at most `_LARGEST`. off: largest motion of a
+    the reported and these poses [px], in the pictures of the features. off: largest motion of a
     camera [m], [rad].
     """
 
@@ -76,17 +76,6 @@ class PairFit:
         return self.distances[0] / self.allowed
 
 
-class Features(NamedTuple):
-    """What SIFT finds in a picture of at most `_LARGEST`.
-
-    rays: (n, 3) with z = 1. descriptors: (n, 128). focal: length of the camera [px].
-    """
-
-    rays: NDArray[np.float64]
-    descriptors: NDArray[np.float32]
-    focal: float
-
-
 def pair_fits(views: Sequence[PosedView], features: Sequence[Features],
               cameras: Sequence[NDArray[np.float64]]) -> list[PairFit]:
     """How the matches of pairs of views fit cameras, each (n, 4, 4), whatever these are.
@@ -94,14 +83,14 @@ def pair_fits(views: Sequence[PosedView], features: Sequence[Features],
     A pair is a view and the one that it has most matches with, of the `_NEXT` before and after
     it: the very next may show something else where pictures were exchanged. Matches are those that
     one relative pose explains. Where these are less than half, as in a pattern that repeats, or
-    fewer than `_FEWEST`, the pair is left out.
+    fewer than `FEWEST`, the pair is left out.
     """
     position, rotation = np.max([_PRIOR, *(each.sigma for each in views)], axis=0)
     found = []
     for (one, other), matched in _best_matched(features).items():
         length = (features[one].focal + features[other].focal) / 2
-        rays = _explained(matched, length)
-        if len(rays) >= max(_FEWEST, len(matched) / 2):
+        rays = essential_inliers(matched, length)
+        if len(rays) >= max(FEWEST, len(matched) / 2):
             found.append(PairFit((one, other), tuple(float(np.median(np.abs(
                 length * sampson(rays, (np.linalg.inv(each[other]) @ each[one])[None]))))
                 for each in cameras),
@@ -175,15 +164,15 @@ class _Matches:
 
     @classmethod
     def between(cls, features: Sequence[Features], reported: NDArray[np.float64]) -> '_Matches':
-        """Of pairs with at least `_FEWEST`."""
+        """Of pairs with at least `FEWEST`."""
         views: list[tuple[int, int]] = []
         rays: list[NDArray[np.float64]] = [np.zeros((0, 2, 3))]
         focal: list[float] = []
         for one, other in _neighbours(reported):
             length = (features[one].focal + features[other].focal) / 2
-            matched = _consistent(_matched(features[one], features[other]), length,
+            matched = _consistent(match_features(features[one], features[other]), length,
                                   reported[[one, other]])
-            if len(matched) >= _FEWEST:
+            if len(matched) >= FEWEST:
                 views.append((one, other))
                 rays.append(matched)
                 focal.append(length)
@@ -267,43 +256,16 @@ class _Fit:
         """The pair without which motions are most likely, to first order."""
         # Woodbury's identity takes a pair from the information.
         own = self.covariance[self.rows[:, :, None], self.rows[:, None]]
-        lacking = np.linalg.solve(np.eye(12) - self.pairs @ own, self.pulls[:, :, None])
+        removed = np.linalg.solve(np.eye(12) - self.pairs @ own, self.pulls[:, :, None])
         without = self.unit + np.einsum('ipj,pj->pi', self.covariance[:, self.rows],
-                                        lacking[:, :, 0])
+                                        removed[:, :, 0])
         return int(np.argmin(np.square(without).sum(axis=1)))
-
-
-def sampson(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m,) signed distance of matches from their epipolar lines, for a focal length of 1.
-
-    rays: (m, 2, 3) with z = 1, in either camera. between: (m or 1, 4, 4) first to second camera.
-    First-order geometric error of Hartley and Zisserman, Multiple View Geometry, 11.4.3.
-    """
-    one, other = rays[:, 0], rays[:, 1]
-    turned = np.einsum('mij,mj->mi', between[:, :3, :3], one)
-    line = np.cross(between[:, :3, 3], turned)  # E one
-    back = np.einsum('mji,mj->mi', between[:, :3, :3], np.cross(other, between[:, :3, 3]))
-    scale = np.square(line[:, :2]).sum(axis=1) + np.square(back[:, :2]).sum(axis=1)
-    return np.asarray((other * line).sum(axis=1) / np.sqrt(np.maximum(scale, 1e-18)))
-
-
-def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m,) angles between the rays of matches [rad]; negative where they meet behind the cameras.
-
-    rays: (m, 2, 3) in either camera. between: (4, 4) first to second camera.
-    """
-    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True)
-                  for each in (rays[:, 0] @ between[:3, :3].T, rays[:, 1]))
-    normal = np.cross(other, one)
-    ahead = -np.einsum('mi,mi->m', np.cross(other, between[:3, 3]), normal)
-    angle = np.arctan2(np.linalg.norm(normal, axis=1), np.einsum('mi,mi->m', one, other))
-    return np.where(ahead < 0, -angle, angle)
 
 
 def _best_matched(features: Sequence[Features]) -> dict[tuple[int, int], NDArray[np.float64]]:
     """Matches (m, 2, 3) of pairs of views: each view with the one that shows most of the same."""
     views = range(len(features))
-    matched = {(one, other): _matched(features[one], features[other])
+    matched = {(one, other): match_features(features[one], features[other])
                for one, other in combinations(views, 2) if other - one <= _NEXT}
     best = {max((pair for pair in matched if view in pair), key=lambda pair: len(matched[pair]))
             for view in views if matched}
@@ -315,45 +277,6 @@ def _neighbours(reported: NDArray[np.float64]) -> list[tuple[int, int]]:
     near = np.argsort(-(reported[:, :3, 2] @ reported[:, :3, 2].T), axis=1)[:, :_NEIGHBOURS + 1]
     return [(one, other) for one, other in combinations(range(len(reported)), 2)
             if other in near[one] or one in near[other]]
-
-
-def _reduced(view: PosedView) -> tuple[NDArray[np.uint8], Pinhole]:
-    """The grey picture, of at most `_LARGEST`, and its camera."""
-    grey = np.round(255 * view.picture.mean(axis=2)).astype(np.uint8)
-    share = min(_LARGEST / max(grey.shape), 1.0)
-    pinhole = view.pinhole.resized(round(share * grey.shape[1]), round(share * grey.shape[0]))
-    if share < 1:
-        grey = np.asarray(cv2.resize(grey, (pinhole.width, pinhole.height),
-                                     interpolation=cv2.INTER_AREA), np.uint8)
-    return grey, pinhole
-
-
-def features_of(view: PosedView) -> Features:
-    """Those of a view's picture, at most `_FEATURES`, none where its mask is False."""
-    grey, pinhole = _reduced(view)
-    # What moves with the camera matches as if the camera were at rest.
-    mask = None if view.mask is None else cv2.resize(
-        view.mask.astype(np.uint8), (pinhole.width, pinhole.height),
-        interpolation=cv2.INTER_NEAREST)
-    points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, mask)
-    if descriptors is None:
-        return Features(np.zeros((0, 3)), np.zeros((0, 128), np.float32), pinhole.fx)
-    rays = pinhole.rays(np.array([each.pt for each in points]))
-    return Features(rays, np.asarray(descriptors, np.float32), pinhole.fx)
-
-
-def _matched(first: Features, second: Features) -> NDArray[np.float64]:
-    """(m, 2, 3) rays of features that are each other's nearest, by far."""
-    if min(len(first.rays), len(second.rays)) < 2:
-        return np.zeros((0, 2, 3))
-    pairs = []
-    for one, other in ((first, second), (second, first)):
-        near = cv2.BFMatcher().knnMatch(one.descriptors, other.descriptors, 2)
-        pairs.append({(best.queryIdx, best.trainIdx) for best, next_ in near
-                      if best.distance < _RATIO * next_.distance})
-    both = np.array(sorted(pairs[0] & {(train, query) for query, train in pairs[1]}),
-                    int).reshape(-1, 2)
-    return np.stack([first.rays[both[:, 0]], second.rays[both[:, 1]]], axis=1)
 
 
 def _consistent(rays: NDArray[np.float64], focal: float, reported: NDArray[np.float64]
@@ -369,15 +292,5 @@ def _consistent(rays: NDArray[np.float64], focal: float, reported: NDArray[np.fl
     between = np.tile(relative, (len(rays), 1, 1))
     rays = rays[(np.abs(sampson(rays, between)) < gate)
                 & (parallax(rays, relative) > -_BEHIND * np.sqrt(2) * rotation)]
-    rays = _explained(rays, focal)
+    rays = essential_inliers(rays, focal)
     return rays[::max(-(-len(rays) // _MOST), 1)]
-
-
-def _explained(rays: NDArray[np.float64], focal: float) -> NDArray[np.float64]:
-    """Those matches (m, 2, 3) that one relative pose explains; all, where they are too few."""
-    if len(rays) < _FEWEST:
-        return rays
-    cv2.setRNGSeed(0)
-    _, inside = cv2.findEssentialMat(rays[:, 0, :2], rays[:, 1, :2], np.eye(3), cv2.RANSAC,
-                                     0.999, 3 * MATCHED / focal)
-    return rays[:0] if inside is None else rays[inside.ravel() > 0]

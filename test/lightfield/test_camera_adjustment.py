@@ -11,15 +11,8 @@ from scipy.stats import chi2
 from textured_planes import views_of_planes
 
 from pmcl_ros.geometry.se3 import local, retract
-from pmcl_ros.lightfield.camera_adjustment import (
-    MATCHED,
-    Features,
-    adjust_cameras,
-    features_of,
-    pair_fits,
-    parallax,
-    sampson,
-)
+from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, pair_fits
+from pmcl_ros.lightfield.features import MATCHED, Features, features_of
 
 MIDDLE = np.array([0, 0, 0.6])
 
@@ -135,6 +128,19 @@ def test_pairs_that_match_a_pattern_a_period_off_are_left_out(off):
     assert left @ np.linalg.solve(covariance, left) < chi2.isf(1e-3, 24)
 
 
+def test_a_view_without_matches_stays_as_reported_and_as_uncertain():
+    turns = 0.004 * np.random.default_rng(1).normal(size=(4, 6)) * np.repeat([0.0, 1.0], 3)
+    told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)), turns)
+    features = matching_features(CAMERAS, {})
+    none = Features(np.zeros((0, 3)), np.zeros((0, 128), np.float32), 600.0)
+    adjusted = adjust_cameras(views_of_planes(CAMERAS, told), [*features[:3], none])
+    assert adjusted.is_needed
+    np.testing.assert_allclose(adjusted.cameras[3], told[3], atol=1e-12)
+    sigmas = np.sqrt(np.square(adjusted.root).sum(axis=2))
+    np.testing.assert_allclose(sigmas[3], np.repeat([0.002, 0.007], 3), rtol=0.01)
+    assert (sigmas[:3, 3:] < 0.8 * 0.007).any(axis=1).all()
+
+
 def test_any_poses_are_judged_by_pairs_of_neighbours():
     told = CAMERAS.copy()
     told[1, :3, :3] = told[1, :3, :3] @ Rotation.from_euler('z', 90, degrees=True).as_matrix()
@@ -177,37 +183,3 @@ def test_without_texture_nothing_is_told():
     assert adjusted_by(views_of_planes(CAMERAS, contrast=0.0)) is None
     assert fits_of(views_of_planes(CAMERAS, contrast=0.0), [CAMERAS]) == []
     assert adjusted_by(views_of_planes(CAMERAS[:1])) is None
-
-
-def test_the_distance_is_that_from_the_epipolar_line():
-    """To first order; where both are equally far from their lines, 1 / sqrt(2) of that."""
-    rng = np.random.default_rng(0)
-    between = np.linalg.inv(CAMERAS[1]) @ CAMERAS[0]
-    points = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.7], (50, 3))
-    other = points @ between[:3, :3].T + between[:3, 3]
-    rays = np.stack([points / points[:, 2:], other / other[:, 2:]], axis=1)
-    many = np.tile(between, (50, 1, 1))
-    np.testing.assert_allclose(sampson(rays, many), 0, atol=1e-12)
-    essential = np.array([np.cross(between[:3, 3], between[:3, :3][:, k]) for k in range(3)]).T
-    line = rays[:, 0] @ essential.T
-    across = line[:, :2] / np.linalg.norm(line[:, :2], axis=1, keepdims=True)
-    moved = rays.copy()
-    moved[:, 1, :2] += 1e-4 * across
-    back = moved[:, 1] @ essential
-    share = np.square(line[:, :2]).sum(axis=1)
-    expected = 1e-4 * np.sqrt(share / (share + np.square(back[:, :2]).sum(axis=1)))
-    np.testing.assert_allclose(sampson(moved, many), expected, rtol=1e-3)
-
-
-def test_the_parallax_is_negative_behind_the_cameras():
-    rng = np.random.default_rng(0)
-    between = np.linalg.inv(CAMERAS[1]) @ CAMERAS[0]
-    ahead = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.7], (50, 3))
-    for points, sign in ((ahead, 1), (-ahead, -1)):
-        other = points @ between[:3, :3].T + between[:3, 3]
-        rays = np.stack([points / points[:, 2:], other / other[:, 2:]], axis=1)
-        one = rays[:, 0] @ between[:3, :3].T
-        cosines = (one * rays[:, 1]).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(
-            rays[:, 1], axis=1)
-        np.testing.assert_allclose(parallax(rays, between), sign * np.arccos(cosines), atol=1e-7)
-    assert (parallax(rays, np.eye(4)) >= 0).all()  # of one place nothing is behind

@@ -11,13 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
-from pmcl_ros.lightfield.camera_adjustment import (
-    MATCHED,
-    Features,
-    adjust_cameras,
-    features_of,
-    pair_fits,
-)
+from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, pair_fits
+from pmcl_ros.lightfield.features import MATCHED, Features, features_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, CameraScale
