@@ -244,7 +244,7 @@ def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
     row, = read_bop(tmp_path / 'bop.csv')
     assert (row['scene_id'], row['im_id'], row['obj_id']) == (12, 1, 4)
     assert row['time'] == 6 + other.dlv_seconds + other.decode_seconds
-    used = settings(plan, [], 1, 1.0)['captures'][3]
+    used = settings(plan, {}, 1, 1.0)['captures'][3]
     assert (used['scene_id'], used['obj_id']) == (12, 4)
     assert set(used['sha256']) == {
         'scene_camera.json', 'scene_gt.json', '../../models/obj_000004.ply',
