@@ -110,7 +110,7 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
     clear = [kept[each.number] for each in found.fits
              if each.evidence >= found.estimate.least_evidence]
     if 2 * len(clear) <= len(lost.fits) and not search(evidence.without(clear)).estimate.lost:
-        _LOG.warning('lost: it is at one place in views %s, at another in the rest: is each '
+        _LOG.warning('the object is at one place in views %s, at another in the rest: is each '
                      'picture with its own camera pose, or has the object moved?',
                      ', '.join(map(str, clear)))
         return None

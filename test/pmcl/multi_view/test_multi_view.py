@@ -435,7 +435,7 @@ def test_a_view_that_shows_an_object_in_part_does_not_decide_where_it_is(context
     both = replace(here[2], evidence=map_seen(part | whole, CAMERA, 0.3, 0.6, 4))
     estimate = found(CUP, ViewsEvidence(Header(7, 'base'), (here[0], there[1], both, here[3])))
     assert estimate.lost
-    assert 'it is at one place in views 0, 3, at another in the rest' in caplog.text
+    assert 'the object is at one place in views 0, 3, at another in the rest' in caplog.text
 
 
 def test_views_keep_their_numbers_where_those_before_them_are_left_out(context):
