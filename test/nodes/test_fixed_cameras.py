@@ -135,6 +135,18 @@ class CompressedCamera(Camera):
         self.user.delivered(self.image)
 
 
+def published(node, user, frames, kind=Camera):
+    """The messages of the views that a node makes of one picture of each camera."""
+    assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+    cameras = [kind(user, each) for each in frames.values()]
+    came = [user.listen(*each) for each in TOPICS]
+    for each in cameras:
+        each.tell()
+        each.shoot()
+    user.wait(lambda: all(came), 'the views')
+    return [each[0] for each in came]
+
+
 def sent_by(frames, settings, after=0):
     """Posed views of these frames, as they go over the wire."""
     pinhole = next(iter(frames.values())).lens.pinhole
@@ -275,29 +287,17 @@ def test_poses_are_taken_as_the_command_writes_them(tmp_path, user, frames, sett
     own = settings | {'camera_poses': ''}
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', '--ros-args', '--params-file', mounts,
                  params=own) as node:
-        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
-        cameras = [Camera(user, each) for each in frames.values()]
-        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
-        for each in cameras:
-            each.tell()
-            each.shoot()
-        user.wait(lambda: all(came), 'the views')
-    assert equal([each[0] for each in came], sent_by(frames, own))
+        came = published(node, user, frames)
+    assert equal(came, sent_by(frames, own))
 
 
 def test_rectified_pictures_are_of_the_pinhole_that_their_camera_info_tells(
         tmp_path, user, frames, settings):
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
                  params=settings | {'rectified': True}) as node:
-        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
-        cameras = [RectifiedCamera(user, each) for each in frames.values()]
-        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
-        for each in cameras:
-            each.tell()
-            each.shoot()
-        user.wait(lambda: all(came), 'the views')
+        came = published(node, user, frames, RectifiedCamera)
     plain = {name: replace(each, lens=Lens(each.lens.pinhole)) for name, each in frames.items()}
-    assert equal([each[0] for each in came], sent_by(plain, settings))
+    assert equal(came, sent_by(plain, settings))
 
 
 def test_what_a_camera_s_mask_leaves_out_is_transparent_in_its_view(tmp_path, user, frames,
@@ -307,15 +307,9 @@ def test_what_a_camera_s_mask_leaves_out_is_transparent_in_its_view(tmp_path, us
     cv2.imwrite(str(path), mask)
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras',
                  params=settings | {'masks': ['', str(path)]}) as node:
-        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
-        cameras = [Camera(user, each) for each in frames.values()]
-        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
-        for each in cameras:
-            each.tell()
-            each.shoot()
-        user.wait(lambda: all(came), 'the views')
-    found, plain = (posed_views_from(*messages).views for messages in (
-        [each[0] for each in came], sent_by(frames, settings)))
+        came = published(node, user, frames)
+    found, plain = (posed_views_from(*messages).views
+                    for messages in (came, sent_by(frames, settings)))
     assert found[0].mask is None
     right = frames['right'].lens
     np.testing.assert_array_equal(found[1].mask, right.undistorted_mask(

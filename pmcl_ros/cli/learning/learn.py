@@ -63,7 +63,8 @@ _DIGITS = 2  # of the numbers that are printed and written
               'together instead, from captures of several views each.')
 @click.option('--false-alarms', type=click.FloatRange(0, 1, min_open=True, max_open=True),
               default=0.05, show_default=True,
-              help='Share of the searches for an object that is not there that may claim it.')
+              help='Share of the searches for an object that is not there that may claim it. '
+              '--creases learns no threshold.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
               '--creases: creases.yaml; --map: contour_map_evidence.yaml; --posed: views.yaml), '

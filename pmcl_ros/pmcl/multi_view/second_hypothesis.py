@@ -216,7 +216,7 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
         return None
     _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
                  off, _ADVICE, _OF_OBJECT)
-    return _with_cameras(replace(found, understated=1.0), cameras), loose  # the line tells it
+    return _with_cameras(found, cameras), loose
 
 
 def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, search: _Search
@@ -231,4 +231,5 @@ def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, 
 
 
 def _with_cameras(found: Found, cameras: AssumedCameras) -> Found:
-    return replace(found, estimate=replace(found.estimate, cameras=cameras))
+    """Found with cameras of which the log tells; no errors of theirs are stated."""
+    return replace(found, estimate=replace(found.estimate, cameras=cameras), understated=1.0)
