@@ -28,13 +28,16 @@ from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
+@click.option('--width', type=click.FloatRange(0.25, 4), default=TrainingPlan.width,
+              show_default=True, help="Channels of the network's layers, as a share of those of "
+              'the shipped one.')
 @click.option('--start', type=FILE, help='Network to begin with: a contour_map.onnx, for '
               'example the shipped one. Default: random weights.')
 @click.option('--rate', type=click.FloatRange(1e-7, 1), default=TrainingPlan.rate,
               show_default=True, help='Learning rate; less with --start, for example 0.0001.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
-              bfloat16: bool, start: Path | None, rate: float, force: bool) -> None:
+              bfloat16: bool, width: float, start: Path | None, rate: float, force: bool) -> None:
     """Train the network of the contour map on labelled pictures, and calibrate it.
 
     Needs TensorFlow: pip install '.[learn]' in the source tree. It uses a GPU where it sees one.
@@ -51,10 +54,11 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
             f"there is no {error.name} here; pip install '.[learn]' in the source tree") from error
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
                f'--crop {crop}{" --bfloat16" * bfloat16}'
+               f'{f" --width {width:g}" if width != TrainingPlan.width else ""}'
                f'{f" --start {start}" if start else ""}'
                f'{f" --rate {rate}" if rate != TrainingPlan.rate else ""}')
     plan = TrainingPlan(steps, seed, batch, crop, every,
-                        'mixed_bfloat16' if bfloat16 else 'float32', rate)
+                        'mixed_bfloat16' if bfloat16 else 'float32', rate, width)
     learned = learn(pictures, out, plan, command, click.echo, start)
     click.echo(f'contour: {learned.contour}')
     click.echo(f'inside: {learned.inside}')

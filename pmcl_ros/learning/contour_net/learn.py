@@ -42,7 +42,7 @@ def learn(pictures: Path, out: Path, plan: TrainingPlan, command: str,
         report(f'few pictures to calibrate on, {held_out}: the log odds of other pictures may be '
                f'off; 20 pictures more hold out one more, make {20 * _ENOUGH} in all')
     state = train(pictures, out / 'training.npz', plan, report, start)
-    network = build()
+    network = build(plan.channels)
     network.set_weights(state.weights)
     path = out / 'contour_map.onnx'
     write(network, path)

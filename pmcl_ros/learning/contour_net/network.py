@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
+from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 
-WIDTHS = (32, 48, 64, 96)  # channels at 1/2, 1/4, 1/8, 1/16 of the resolution
 POSITIVE_WEIGHT = 20.0  # of contour pixels in the loss; calibration takes it out again
 _EVERY = 4  # of the label's 32 directions are in one batch's loss
 _CONTOUR_WEIGHT = 2.0  # of the contour's loss beside the inside's
@@ -40,11 +40,13 @@ class FusedNormalization(keras.layers.BatchNormalization):  # type: ignore[misc]
         return out
 
 
-def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Model:
+def build(channels: tuple[int, ...] = TrainingPlan().channels, dtype: str = 'float32'
+          ) -> keras.Model:
     """(n, h, w, 3) to (n, h, w, 6), h and w multiples of 16.
 
     Channels out: a0, c1, s1, c2, s2 of the contour's logit for a normal of angle t, a0 + c1 cos t
-    + s1 sin t + c2 cos 2t + s2 sin 2t; logit of the inside. dtype: 'float32', or 'mixed_bfloat16'.
+    + s1 sin t + c2 cos 2t + s2 sin 2t; logit of the inside. channels: of the layers at 1/2, 1/4,
+    1/8, 1/16 of the resolution. dtype: 'float32', or 'mixed_bfloat16'.
     """
     layers = keras.layers
 
@@ -56,13 +58,13 @@ def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Mod
         return layers.ReLU(dtype=dtype)(x)
 
     picture = keras.Input((None, None, 3))
-    x = convolved(convolved(picture, widths[0], kernel=4, stride=2), widths[0])
+    x = convolved(convolved(picture, channels[0], kernel=4, stride=2), channels[0])
     skipped = []
-    for width in widths[1:]:
+    for width in channels[1:]:
         skipped.append(x)
         x = layers.MaxPool2D(dtype=dtype)(x)
         x = convolved(convolved(x, width), width)
-    x = convolved(x, widths[-1])
+    x = convolved(x, channels[-1])
     for skip in reversed(skipped):
         width = skip.shape[-1]
         x = layers.Conv2DTranspose(width, 2, strides=2, dtype=dtype)(x)

@@ -80,7 +80,7 @@ class Trainer:
 
     def __post_init__(self) -> None:
         keras.utils.set_random_seed(self.plan.seed)
-        self.network = build(dtype=self.plan.dtype)
+        self.network = build(self.plan.channels, self.plan.dtype)
         self._adam = keras.optimizers.Adam(self.plan.rate, global_clipnorm=_CLIPPED)
         self._adam.build(self.network.trainable_variables)
         self._step = tf.function(self._step_eagerly)
@@ -96,8 +96,8 @@ class Trainer:
         """Take over the values of a state; SettingsError when it is of another network."""
         shapes = [each.shape for each in self.network.get_weights()]
         if shapes != [each.shape for each in state.weights]:
-            raise SettingsError('the state of the training is that of another network; delete it '
-                                'to begin again')
+            raise SettingsError('the state of the training is that of another network: give the '
+                                'same --width, or delete it to begin again')
         self.network.set_weights(state.weights)
         for variable, value in zip(self._adam.variables, state.optimizer, strict=True):
             variable.assign(value)

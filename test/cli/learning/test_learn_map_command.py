@@ -1,6 +1,7 @@
 """`pmcl learn-map` makes a network that finds contours, with its calibration."""
 
 import numpy as np
+import onnx
 import pytest
 from click.testing import CliRunner
 from labelled_discs import discs, write
@@ -16,7 +17,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp('learn-map')
     pictures, out = write(folder / 'pictures', range(60)), folder / 'out'
     arguments = ['learn-map', str(pictures), '-o', str(out), '--steps', '150', '--batch', '4',
-                 '--crop', '96', '--every', '50']
+                 '--crop', '96', '--every', '50', '--width', '0.5']
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
     return out, done.output, arguments
@@ -49,9 +50,10 @@ def test_the_record_says_how_it_was_made(made, net):
     out, printed, arguments = made
     learned = LearnedMap.load(out / 'contour_map.yaml')
     before, after = ' '.join(arguments[:6]), ' '.join(arguments[6:10])
-    assert learned.training['command'] == f'pmcl {before} --seed 0 {after}'
+    assert learned.training['command'] == f'pmcl {before} --seed 0 {after} --width 0.5'
     assert learned.training['pictures']['trained'] == {'number': 54, 'first': 0, 'last': 58}
     assert learned.training['losses']['step'] == 150
+    assert onnx.load(out / 'contour_map.onnx').graph.initializer[0].dims[0] == 16
     assert {'tensorflow', 'keras', 'onnx'} <= set(learned.training['versions'])
     assert learned.version == learned.sha256[:8]
     assert 'average precision of contour pixels: ' in printed
@@ -71,7 +73,7 @@ def test_a_network_is_trained_further(made, tmp_path):
     out, _, (_, pictures, *_) = made
     start, further = out / 'contour_map.onnx', tmp_path / 'further'
     arguments = ['learn-map', pictures, '-o', str(further), '--steps', '4', '--batch', '4',
-                 '--crop', '96', '--start', str(start), '--rate', '1e-05']
+                 '--crop', '96', '--width', '0.5', '--start', str(start), '--rate', '1e-05']
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
     assert f'beginning with the network {start}' in done.output
@@ -79,7 +81,7 @@ def test_a_network_is_trained_further(made, tmp_path):
         out, further))
     assert before['start'] == ''
     assert after['start'] == LearnedMap.load(out / 'contour_map.yaml').sha256
-    assert after['command'].endswith(f' --start {start} --rate 1e-05')
+    assert after['command'].endswith(f' --width 0.5 --start {start} --rate 1e-05')
     assert after['rate'] == 1e-5
     # Four such steps leave what 150 steps learned.
     assert after['losses']['held_out_contour'] == pytest.approx(

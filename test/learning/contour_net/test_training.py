@@ -98,6 +98,13 @@ def test_a_network_that_cannot_be_read_is_told_with_its_file(folder, tmp_path):
         train(folder, tmp_path / 'training.npz', PLAN, [].append, Path('/dev/zero'))
 
 
+def test_a_width_is_a_share_of_the_shipped_channels():
+    assert TrainingPlan().channels == (32, 48, 64, 96)
+    assert TrainingPlan(width=0.5).channels == (16, 24, 32, 48)
+    assert TrainingPlan(width=1.4).channels == (48, 64, 88, 136)
+    assert TrainingPlan(width=0.01).channels == (8, 8, 8, 8)
+
+
 def test_a_file_that_is_no_state_is_refused(folder, trained, tmp_path):
     path = tmp_path / 'training.npz'
     np.savez(path, step=3)
@@ -107,3 +114,5 @@ def test_a_file_that_is_no_state_is_refused(folder, trained, tmp_path):
     replace(state, weights=state.weights[1:]).save(path)
     with pytest.raises(SettingsError, match='that of another network'):
         train(folder, path, PLAN, [].append)
+    with pytest.raises(SettingsError, match='that of another network: give the same --width'):
+        train(folder, trained[1], replace(PLAN, width=0.5), [].append)
