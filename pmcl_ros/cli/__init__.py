@@ -20,7 +20,10 @@ _SECTIONS = {
     },
     'Cameras and data': {
         'bag': ('bag', 'Record and extract MCAP bags.'),
+        'board': ('cameras.board', 'Draw a checkerboard to print.'),
+        'board-poses': ('cameras.board', 'Write camera poses by a checkerboard in the pictures.'),
         'calibrate': ('cameras.calibrate', 'Calibrate a Lytro from pictures of a checkerboard.'),
+        'calibrate-camera': ('cameras.board', 'Calibrate an ordinary camera from such pictures.'),
         'camera': ('cameras.camera', 'Use a Lytro on the network, or simulate one.'),
         'decode': ('decode', 'Decode a raw picture into views.'),
         'handeye': ('cameras.hand_eye', "Fit the pose of a camera on an arm's link."),

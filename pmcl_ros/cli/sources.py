@@ -39,7 +39,7 @@ from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
 
-_ORDINARY = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
+PICTURE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
 _OF_BAGS = ('.mcap', '.db3')
 _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 _OF_RAW = (
@@ -186,7 +186,7 @@ class GivenSource(GivenReading):
         if suffix in _OF_BAGS:
             raise click.UsageError(f'{self.source} is a file of a bag: give its folder, with '
                                    'metadata.yaml in it')
-        if suffix in _ORDINARY and self.calibration is None:
+        if suffix in PICTURE_SUFFIXES and self.calibration is None:
             raise click.UsageError(f'{self.source} is a picture of an ordinary camera: write '
                                    'views.yaml beside it, and give that '
                                    '(docs/howto/one_picture.md)')

@@ -28,8 +28,11 @@ BOXES = '--box 0 10 10 9 9 --box 1 10 10 9 9'
 # before, the others refuse at once.
 RUNS = {
     'bag extract': ('{bag} {out}', 'IMG_0001.TXT'),
+    'board': ('--corners 10x7 --square 0.02 -o {out}/b.svg', 'b.svg'),
+    'board-poses': ('{out} --camera {camera} --corners 10x7 --square 0.02', 'views.yaml'),
     'calibrate': ('--white {white} --boards {here} --corners 10x7 --square 0.02 --out '
                   '{out}/c.yaml', 'c.json'),
+    'calibrate-camera': ('{here} --corners 10x7 --square 0.02 -o {out}/c.yaml', 'c.yaml'),
     'calibration-from-truth': ('{truth} {white} --out {out}/c.yaml', 'c.yaml'),
     'camera capture': ('--address {address} --download IMG_0001 --out {out}', 'IMG_0001.TXT'),
     'contour-map': ('{mosaic} -o {out}', 'mosaic_contours.png'),
@@ -64,9 +67,9 @@ RUNS = {
 }
 KEPT = {'scenes pictures': ('--count 1 -o {out}', '000000.npz')}  # what is there is not made again
 # Quick enough to be run to their ends; the others write in their own tests.
-QUICK_ENOUGH = ('bag extract', 'calibration-from-truth', 'camera capture', 'contour-map',
-                'decode', 'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack', 'localize',
-                'scenes render', 'simulate', 'sweep plan')
+QUICK_ENOUGH = ('bag extract', 'board', 'calibration-from-truth', 'camera capture',
+                'contour-map', 'decode', 'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack',
+                'localize', 'scenes render', 'simulate', 'sweep plan')
 
 
 def commands(group, *words):

@@ -8,6 +8,7 @@ import numpy as np
 import rclpy
 import trimesh
 from damaged_files import Format, at, dump
+from painted_boards import picture_of_board
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.gateway.settings import read_token
@@ -149,22 +150,9 @@ def boards(folder):
         turn = np.array([25 * np.cos(0.8 * number), 25 * np.sin(0.8 * number), 10])
         pose[:3, :3] = Rotation.from_euler('xyz', turn, degrees=True).as_matrix()
         pose[:3, 3] = [0, 0, 0.15] - pose[:3, :3] @ middle
-        cv2.imwrite(str(folder / f'{number}.png'), picture_of_board(pose, pinhole))
+        cv2.imwrite(str(folder / f'{number}.png'), picture_of_board(BOARD, pose, pinhole))
         views.append({'file': f'{number}.png', 'camera': 'c', 'sigma_mm': 1.0, 'sigma_deg': 0.5,
                       'mount_to_base': (placed_at @ inverse(pose)).ravel().tolist()})
     camera = {name: getattr(pinhole, name) for name in ('width', 'height', 'fx', 'cx', 'cy')}
     return at(folder, 'views.yaml', dump({'cameras': {'c': camera}, 'views': views}),
               lambda path: calibrated(path, BOARD, False))
-
-
-def picture_of_board(pose, pinhole, size=20):
-    """(height, width) grey: the board with a light corner square beside its first corner."""
-    rows, columns = BOARD.rows + 1, BOARD.columns + 1
-    squares = np.kron((np.indices((rows, columns)).sum(axis=0) + 1) % 2, np.ones((size, size)))
-    flat = np.pad(40 + 180 * squares, size, constant_values=255).astype(np.uint8)
-    scale = BOARD.square / size
-    onto = np.diag([scale, scale, 1.0])
-    onto[:2, 2] = -(2 * size - 0.5) * scale
-    seen = pinhole.matrix @ pose[:3, [0, 1, 3]] @ onto
-    return cv2.warpPerspective(flat, seen, (pinhole.width, pinhole.height),
-                               flags=cv2.INTER_AREA, borderValue=128)

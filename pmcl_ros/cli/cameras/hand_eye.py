@@ -9,12 +9,11 @@ import numpy as np
 import yaml
 from click.core import ParameterSource
 from numpy.typing import NDArray
-from pydantic import model_validator
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli.base import FORCE, STDERR, Needed
-from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.cli.cameras.board_pictures import RestingCameras, boards_in, check_one
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
@@ -153,21 +152,6 @@ def _refuse(why: str, *names: str) -> None:
         raise click.UsageError(f'{why}: leave out {", ".join(given)}')
 
 
-class _BoardFile(posed_views.ViewsFile):
-    """views.yaml of cameras and a board that rest: no view has a pose."""
-
-    @model_validator(mode='after')
-    def _whole(self) -> '_BoardFile':
-        for each in self.views:
-            if each.camera not in self.cameras:
-                raise ValueError(f'{each.file} is of the camera {each.camera!r}, cameras has '
-                                 f'{", ".join(self.cameras) or "none"}')
-            if each.mount_to_base is not None:
-                raise ValueError(f'{each.file} has mount_to_base, a pose of an arm: say '
-                                 '--fixed-camera in place of --no-robot, or leave it out')
-        return self
-
-
 def _views_path(source: Path) -> Path:
     return source / posed_views.NAME if source.is_dir() else source
 
@@ -192,14 +176,14 @@ def cameras_at_board(source: Path, board: Checkerboard, shrink: int = 1
     Raises LightFieldError, SettingsError.
     """
     path = _views_path(source)
-    of, reduction = _BoardFile.load(path), Reduction(1, shrink)
+    of, reduction = RestingCameras.load(path), Reduction(1, shrink)
     cameras = _of_each(of)
     if len(cameras) < 2:
         raise LightFieldError(f'{path} has pictures of {", ".join(cameras)} alone; --no-robot '
                               'wants two cameras or more')
     found = {}
     for name, each in cameras.items():
-        seen = _boards(each, path, board, reduction, set())
+        seen = boards_in(each, path, board, reduction, set())
         files = ', '.join(view.file for view in each.views)
         if not seen:
             raise LightFieldError(
@@ -228,7 +212,7 @@ def _calibrated(of: posed_views.ViewsFile, path: Path, board: Checkerboard, fixe
         raise LightFieldError(f'{path}: {without[0]} has no mount_to_base, the pose of the link')
     pinholes = {reduction.pinhole(of.cameras[each.camera].pinhole)
                 for each in of.views if each.camera}
-    _check_one(path, pinholes)
+    check_one(path, pinholes)
     sigmas = {(1e-3 * each.sigma_mm, float(np.deg2rad(each.sigma_deg))) for each in of.views}
     sigma = min(sigmas) if all(min(each) > 0 for each in sigmas) else None
     if sigma is not None and len(sigmas) > 1:
@@ -236,37 +220,11 @@ def _calibrated(of: posed_views.ViewsFile, path: Path, board: Checkerboard, fixe
                               f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     mounts = {each.file: np.array(each.mount_to_base, float).reshape(4, 4) for each in of.views}
     pictures = [BoardPicture(name, seen, mounts[name]) for name, seen in
-                _boards(of, path, board, reduction, pinholes).items()]
+                boards_in(of, path, board, reduction, pinholes).items()]
     try:
         return hand_eye(pictures, board.points, pinholes.pop(), sigma, fixed_camera)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
-
-
-def _boards(of: posed_views.ViewsFile, path: Path, board: Checkerboard, reduction: Reduction,
-            pinholes: set[Pinhole]) -> dict[str, NDArray[np.float64]]:
-    """Corners (m, 2) [px] in the pictures with a complete board; others are named.
-
-    pinholes: of all pictures, more than one is refused; those of light fields are added.
-    """
-    found = {}
-    for entry in track(of.views, console=STDERR, description='boards', transient=True):
-        # One at a time: corners are small, all pictures at once need not fit in memory.
-        view, = posed_views.views_of(of.model_copy(update={'views': [entry]}), path.parent,
-                                     f'{path}: {entry.file}', reduction)
-        pinholes.add(view.pinhole)  # a light field has its own
-        _check_one(path, pinholes)
-        seen = board.seen(view.displayed().mean(axis=2).astype(np.uint8))
-        if seen is None:
-            click.echo(f'{entry.file}: no complete board', err=True)
-            continue
-        found[entry.file] = seen
-    return found
-
-
-def _check_one(path: Path, pinholes: set[Pinhole]) -> None:
-    if len(pinholes) > 1:
-        raise LightFieldError(f'{path} has pictures of {len(pinholes)} cameras; give those of one')
 
 
 def _told(sigma: tuple[float, float]) -> str:

@@ -30,6 +30,22 @@ class CameraAtBoard:
     names: tuple[str, ...]
     pixels: NDArray[np.float64]
 
+    def sigma_beside(self, board: NDArray[np.float64]) -> tuple[float, float]:
+        """Standard deviations of position [m] and rotation [rad] on each axis, as of `PosedView`.
+
+        With errors of the position and of the rotation that are independent, what is beside the
+        board (m, 3) [m] is seen as far off as by this covariance. It is much less than the
+        covariance's own diagonal says: camera and board turn about the board together.
+        """
+        middle = board.mean(axis=0)
+        beside = middle + np.ptp(board, axis=0).max() * np.concatenate([np.eye(3), -np.eye(3)])
+        places = beside - self.camera[:3, 3]
+        slopes = np.concatenate([np.tile(np.eye(3), (len(places), 1, 1)),
+                                 np.cross(np.eye(3), places[:, None]).swapaxes(1, 2)], axis=2)
+        variance = np.einsum('nij,jk,nik->', slopes, self.covariance, slopes) / slopes[..., 0].size
+        position = float(np.sqrt(variance / 2))
+        return position, position / float(np.linalg.norm(self.camera[:3, 3] - middle))
+
 
 def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
                     pinhole: Pinhole) -> CameraAtBoard:

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from board_scene import POSES, frame_of
 from board_scene import plain as scene
+from painted_boards import picture_of_board
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.calibration.corners import CornerMeter, Corners
@@ -115,3 +118,18 @@ def test_a_board_turned_in_the_picture_keeps_its_own_first_corner():
     found = board.oriented(meter.measure(frame, *board.find(decoder().decode(frame))))
     truth, _ = scene().corners(pose)
     assert np.abs(found.positions - truth).max() < 0.1
+
+
+@pytest.mark.parametrize('side', [320, 1280])
+def test_corners_in_a_picture_have_no_common_error(side):
+    board, rng = Checkerboard(10, 7, 0.02), np.random.default_rng(2)
+    pinhole = Pinhole(side, 3 * side // 4, 0.9 * side, 0.9 * side, side / 2, 0.4 * side)
+    for _ in range(6):
+        turn = Rotation.from_euler('xyz', [*rng.uniform(-35, 35, 2), rng.uniform(-180, 180)],
+                                   degrees=True).as_matrix()
+        place = np.array([*rng.uniform(-0.03, 0.03, 2), 0.45]) - turn @ board.points.mean(axis=0)
+        picture = picture_of_board(board, pose_of(turn, place), pinhole)
+        noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+        off = board.seen(noisy) - pinhole.project(board.points @ turn.T + place)
+        assert np.sqrt(np.square(off).mean()) < 0.08
+        assert np.abs(off.mean(axis=0)).max() < 0.02

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from painted_boards import picture_of_board
 from scipy import stats
-from test_hand_eye import BOARD, picture_of_board
+from test_hand_eye import BOARD
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -90,7 +91,7 @@ def taken(tmp_path_factory):
             file = f'{name}{number}.png'
             noise = np.random.default_rng(number).normal(0, 2, (PINHOLES[name].height,
                                                                 PINHOLES[name].width))
-            picture = picture_of_board(pose, PINHOLES[name]) + noise
+            picture = picture_of_board(BOARD, pose, PINHOLES[name]) + noise
             cv2.imwrite(str(folder / file), np.clip(picture, 0, 255).astype(np.uint8))
             views.append({'file': file, 'camera': name})
     cameras = {name: {'fx': each.fx, 'cx': each.cx, 'cy': each.cy, 'width': each.width,
@@ -165,7 +166,7 @@ def test_several_cameras_beside_an_arm_are_written_too(tmp_path):
         for each in arm.pictures:
             pose = _board_to_camera(each.corners, arm)
             file = f'{name}{each.name}.png'
-            cv2.imwrite(str(tmp_path / file), picture_of_board(pose, arm.pinhole))
+            cv2.imwrite(str(tmp_path / file), picture_of_board(BOARD, pose, arm.pinhole))
             views.append({'file': file, 'camera': name,
                           'mount_to_base': each.mount_to_base.ravel().tolist()})
     pinhole = arms['left'].pinhole
@@ -187,3 +188,24 @@ def test_several_cameras_beside_an_arm_are_written_too(tmp_path):
 def _board_to_camera(seen, arm):
     _, turn, place = cv2.solvePnP(arm.board, seen, arm.pinhole.matrix, np.zeros(4))
     return pose_of(cv2.Rodrigues(turn)[0], place.ravel())
+
+
+@pytest.mark.parametrize('distance', [0.4, 1.0])
+def test_what_is_beside_the_board_is_seen_as_far_off_as_told(distance):
+    rng, pinhole, pose = np.random.default_rng(9), PINHOLES['left'], board_at(distance, 25, -20, 5)
+    middle, reach = BOARD.points.mean(axis=0), np.ptp(BOARD.points, axis=0).max()
+    directions = rng.normal(size=(100, 3))
+    places = middle + reach * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    truth = places @ pose[:3, :3].T + pose[:3, 3]  # in the camera's frame
+    off, told = [], []
+    for _ in range(300):
+        found = camera_at_board(corners(pose, pinhole, rng, 1), BOARD.points, pinhole)
+        back = inverse(found.camera)
+        off.append(places @ back[:3, :3].T + back[:3, 3] - truth)
+        position, rotation = found.sigma_beside(BOARD.points)
+        away = np.linalg.norm(found.camera[:3, 3] - middle)
+        assert rotation == pytest.approx(position / away)
+        told.append(position ** 2 + (rotation * away) ** 2)  # seen at that distance
+        # Far less than the errors of the camera's own place.
+        assert position < 0.5 * np.sqrt(np.diag(found.covariance)[:3].max())
+    assert np.mean(told) == pytest.approx(np.square(off).mean(), rel=0.15)

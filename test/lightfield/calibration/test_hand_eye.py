@@ -9,6 +9,7 @@ import pytest
 import rclpy
 import yaml
 from click.testing import CliRunner
+from painted_boards import picture_of_board
 from rclpy.context import Context
 from rclpy.node import Node
 from scipy import stats
@@ -234,20 +235,6 @@ def test_matrices_by_columns_and_an_arm_that_never_fits_are_refused():
         hand_eye(wrong, arm.board, arm.pinhole, arm.sigma)
 
 
-def picture_of_board(pose, pinhole, size=40):
-    """(height, width) grey: the board with a light corner square beside its first corner."""
-    rows, columns = BOARD.rows + 1, BOARD.columns + 1
-    squares = np.kron((np.indices((rows, columns)).sum(axis=0) + 1) % 2, np.ones((size, size)))
-    flat = np.pad(40 + 180 * squares, size, constant_values=255).astype(np.uint8)
-    # From its pixels to the plane of the board, whose origin is the first inner corner.
-    scale = BOARD.square / size
-    onto = np.array([[scale, 0, -(2 * size - 0.5) * scale], [0, scale, -(2 * size - 0.5) * scale],
-                     [0, 0, 1]])
-    seen = pinhole.matrix @ pose[:3, [0, 1, 3]] @ onto
-    return cv2.warpPerspective(flat, seen, (pinhole.width, pinhole.height),
-                               flags=cv2.INTER_AREA, borderValue=128)
-
-
 @pytest.fixture(scope='module')
 def taken(tmp_path_factory):
     """A folder of pictures of a board by a camera on an arm, and where that is."""
@@ -263,7 +250,7 @@ def taken(tmp_path_factory):
         turn = [*rng.uniform(-35, 35, 2), rng.uniform(-20, 20) + 180 * (number % 2)]
         pose[:3, :3] = Rotation.from_euler('xyz', turn, degrees=True).as_matrix()
         pose[:3, 3] = [0, 0, 0.5] - pose[:3, :3] @ middle
-        cv2.imwrite(str(folder / f'{number}.png'), picture_of_board(pose, pinhole))
+        cv2.imwrite(str(folder / f'{number}.png'), picture_of_board(BOARD, pose, pinhole))
         error = rng.normal(size=(1, 6)) * np.repeat([2e-4, 5e-4], 3)
         mount = placed @ inverse(pose) @ inverse(camera) @ retract(np.eye(4)[None], error)[0]
         views.append({'file': f'{number}.png', 'camera': 'c',

@@ -1,0 +1,172 @@
+"""`pmcl board`, `calibrate-camera`, `board-poses`: ordinary cameras by a printed checkerboard."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from rich.progress import track
+
+from pmcl_ros.cli.base import CAMERA, FORCE, STDERR, Needed
+from pmcl_ros.cli.cameras.board_pictures import RestingCameras, boards_in
+from pmcl_ros.cli.sources import PICTURE_SUFFIXES
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
+from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
+from pmcl_ros.lightfield.posed_view import GAMMA, encoded
+from pmcl_ros.lightfield.readers import posed_views
+from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
+from pmcl_ros.runtime.errors import LightFieldError, PmclError
+from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
+
+_MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes many seconds
+_PICTURES = Needed('It is a folder of PNG, JPEG, TIFF, ...: docs/howto/board.md', folder=True)
+_CORNERS = click.option('--corners', required=True, metavar='COLUMNSxROWS', help='Inner corners '
+                        'of the checkerboard, as 10x7; one number odd, the other even.')
+_SQUARE = click.option('--square', required=True, type=float, help='Side of its squares [m].')
+
+
+_OUT = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command()
+@_CORNERS
+@_SQUARE
+@click.option('-o', '--out', required=True, type=_OUT, help='SVG to write, in its true size.')
+@FORCE
+def board(corners: str, square: float, out: Path, force: bool) -> None:
+    """Draw a checkerboard to print.
+
+    Print it at 100 %, measure its squares, and glue it on something flat.
+    """
+    refuse_existing([out], force)
+    _write(out, Checkerboard.parse(corners, square).svg)
+
+
+@click.command('calibrate-camera')
+@click.argument('pictures', type=_PICTURES)
+@_CORNERS
+@_SQUARE
+@click.option('-o', '--out', required=True, type=_OUT, help='Camera to write: the YAML that '
+              '--camera of other commands reads, and an entry of cameras in views.yaml.')
+@FORCE
+def calibrate_camera(pictures: Path, corners: str, square: float, out: Path, force: bool) -> None:
+    """Calibrate an ordinary camera from a folder of PICTURES of a checkerboard.
+
+    The pictures have one zoom and one focus, and show the board tilted by 20 to 40 degrees,
+    another way in each, near the borders too. Pictures without the complete board are named and
+    left out.
+    """
+    refuse_existing([out], force)
+    checkerboard, files = Checkerboard.parse(corners, square), _files(pictures)
+    width, height = picture_size(files[0])
+    found = fit_intrinsics(dict(_seen(files, checkerboard, (width, height))), checkerboard.points,
+                           width, height)
+    pinhole = found.pinhole
+    values = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *found.distortion]
+    for name, value, sigma in zip(('fx', 'fy', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2'), values,
+                                  found.sigma, strict=True):
+        click.echo(f'{name}: {value:.5g} (standard deviation {sigma:.2g})')
+    for name, pixels in zip(found.names, found.pixels, strict=True):
+        click.echo(f'{name}: corners {pixels:.2f} px')
+    for name in found.left_out:
+        click.echo(f'{name}: left out, it does not fit the others: another zoom or focus?',
+                   err=True)
+    posed_views.ViewCamera.make({
+        'width': width, 'height': height, 'fx': pinhole.fx, 'fy': pinhole.fy, 'cx': pinhole.cx,
+        'cy': pinhole.cy, 'distortion': found.distortion}, 'camera').save(
+            out, f'pmcl calibrate-camera {pictures} --corners {corners} --square {square:g}')
+
+
+@click.command('board-poses')
+@click.argument('pictures', type=_PICTURES)
+@click.option('--camera', required=True, type=CAMERA, help='Camera of the pictures, a YAML file '
+              'as calibrate-camera writes it.')
+@_CORNERS
+@_SQUARE
+@FORCE
+def board_poses(pictures: Path, camera: Path, corners: str, square: float, force: bool) -> None:
+    """Write views.yaml into a folder of PICTURES: camera poses by a checkerboard in view.
+
+    Object and board rest. The poses are in the frame of the board, with their errors. Pictures
+    without the complete board are named and left out.
+    """
+    path = pictures / posed_views.NAME
+    refuse_existing([path], force)
+    checkerboard, of = Checkerboard.parse(corners, square), OrdinaryCamera.load(camera)
+    name, points = camera.stem, checkerboard.points
+    cameras = {name: of.model_dump(mode='json', exclude_none=True,
+                                   include=set(posed_views.ViewCamera.model_fields))}
+    listed = RestingCameras.make({
+        'cameras': cameras, 'reference': 'board',
+        'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
+    reduction = _reduction(of.width, of.height)
+    pinhole = reduction.pinhole(of.pinhole)
+    views, left_out = [], 0
+    for file, seen in boards_in(listed, path, checkerboard, reduction, set()).items():
+        try:
+            found = camera_at_board({file: seen}, points, pinhole)
+        except LightFieldError as error:
+            click.echo(f'{error}: left out', err=True)
+            left_out += 1
+            continue
+        views.append(_entry(file, name, found, points))
+        click.echo(f'{file}: {1e3 * np.linalg.norm(found.camera[:3, 3]):.0f} mm away, corners '
+                   f'{found.pixels[0]:.2f} px, errors {views[-1]["sigma_mm"]:.2f} mm, '
+                   f'{views[-1]["sigma_deg"]:.3f} degrees')
+    if not views:
+        raise LightFieldError(
+            f'{pictures}: no camera pose by a board of {corners} inner corners in '
+            f'{len(listed.views)} pictures: are --corners its numbers, and is all of it in view?')
+    _write(path, f'# pmcl board-poses {pictures} --camera {camera} --corners {corners} --square '
+           f'{square:g}\n' + yaml.safe_dump(
+               {'reference': listed.reference, 'cameras': cameras, 'views': views},
+               default_flow_style=None, sort_keys=False))
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise PmclError(f'cannot write {path}: {error.strerror or error}') from None
+
+
+def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.float64]
+           ) -> dict[str, object]:
+    """A view of views.yaml."""
+    position, rotation = found.sigma_beside(points)
+    return {'file': file, 'camera': camera, 'camera_to_reference': found.camera.ravel().tolist(),
+            'sigma_mm': 1e3 * position, 'sigma_deg': float(np.rad2deg(rotation))}
+
+
+def _files(folder: Path) -> list[Path]:
+    """The pictures of a folder, by name."""
+    found = sorted(each for each in folder.iterdir() if each.suffix.lower() in PICTURE_SUFFIXES)
+    if not found:
+        raise LightFieldError(f'{folder} has no pictures ({", ".join(PICTURE_SUFFIXES)})')
+    return found
+
+
+def _reduction(width: int, height: int) -> Reduction:
+    return Reduction(1, math.ceil(math.sqrt(width * height / _MOST_SEARCHED)))
+
+
+def _seen(files: list[Path], checkerboard: Checkerboard, size: tuple[int, int]
+          ) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Names and corners (m, 2) [px] of the pictures with a complete board; others are named."""
+    reduction = _reduction(*size)
+    for file in track(files, console=STDERR, description='boards', transient=True):
+        picture = encoded(read_picture(file), GAMMA)
+        if picture.shape[1::-1] != size:
+            raise LightFieldError(f'{file} has {picture.shape[1]}x{picture.shape[0]} px, '
+                                  f'{files[0].name} {size[0]}x{size[1]}: all must have one size')
+        grey = np.rint(255 * reduction.shrunk(picture).mean(axis=2)).astype(np.uint8)
+        corners = checkerboard.seen(grey)
+        if corners is None:
+            click.echo(f'{file.name}: no complete board', err=True)
+            continue
+        yield file.name, (corners + 0.5) * reduction.shrink - 0.5

@@ -1,0 +1,96 @@
+"""The camera matrix and distortion of an ordinary camera, from pictures of a checkerboard."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import LightFieldError
+
+FEWEST = 5  # pictures: with fewer, noise passes for distortion
+_MOST_PIXELS = 2.0  # rms of the corners of a picture: more is another camera, zoom or focus
+_LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
+_HALVED = 0.5  # mean square of the others' corners without a picture that does not fit them
+_OWN = slice(6, 14)  # columns of fx, fy, cx, cy, k1, k2, p1, p2 in OpenCV's derivatives
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """distortion: k1, k2, p1, p2 of OpenCV's plumb_bob. sigma: (8,) standard deviations of fx, fy,
+    cx, cy [px] and these. names: of the pictures. pixels: (n,) rms distances of their corners
+    [px]. left_out: names of the pictures that do not fit the others.
+    """
+
+    pinhole: Pinhole
+    distortion: tuple[float, ...]
+    sigma: NDArray[np.float64]
+    names: tuple[str, ...]
+    pixels: NDArray[np.float64]
+    left_out: tuple[str, ...] = ()
+
+
+def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
+                   width: int, height: int) -> Intrinsics:
+    """The camera that took the pictures (OpenCV's calibrateCamera, after Zhang 2000).
+
+    pictures: by name, (m, 2) corners of a board [px]. board: (m, 3) its corners [m]. width,
+    height: of the pictures [px]. A picture without which the others fit clearly better is left
+    out.
+    Raises LightFieldError for fewer than `FEWEST` pictures, where the corners are those of no
+    board or of several cameras, and where they do not tell the focal length.
+    """
+    kept, left_out = dict(pictures), list[str]()
+    found = _fitted(kept, board, width, height)
+    while len(kept) > FEWEST:
+        worst = int(found.pixels.argmax())
+        others = kept.copy()
+        del others[found.names[worst]]
+        without = _fitted(others, board, width, height)
+        if (np.square(without.pixels).mean()
+                > _HALVED * np.square(np.delete(found.pixels, worst)).mean()):
+            break
+        left_out.append(found.names[worst])
+        kept, found = others, without
+    worst = int(found.pixels.argmax())
+    if not found.pixels[worst] < _MOST_PIXELS:
+        raise LightFieldError(
+            f'{found.names[worst]}: the corners are {found.pixels[worst]:.1f} px off: are all '
+            'pictures of one camera, with the same zoom and focus?')
+    unsure = float(found.sigma[0] / found.pinhole.fx)
+    if not unsure < _LARGEST_ERROR:
+        raise LightFieldError(
+            f'the focal length is known to {100 * unsure:.1f} % only, {100 * _LARGEST_ERROR:g} % '
+            'are needed: tilt the board by 20 to 40 degrees, another way in each picture, and '
+            'bring it nearer')
+    return replace(found, left_out=tuple(left_out))
+
+
+def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
+            height: int) -> Intrinsics:
+    if len(pictures) < FEWEST:
+        raise LightFieldError(f'{len(pictures)} pictures show a complete board; a calibration '
+                              f'needs {FEWEST}, better 15: are --corners those of the board?')
+    try:
+        _, matrix, distortion, turns, places = cv2.calibrateCamera(
+            [board.astype(np.float32)] * len(pictures),
+            [each.astype(np.float32) for each in pictures.values()], (width, height), np.eye(3),
+            np.zeros(5), flags=cv2.CALIB_FIX_K3)
+        pixels, information = [], np.zeros((8, 8))
+        for seen, turn, place in zip(pictures.values(), turns, places, strict=True):
+            expected, slopes = cv2.projectPoints(board, turn, place, matrix, distortion)
+            pixels.append(np.sqrt(np.square(expected[:, 0] - seen).sum(axis=1).mean()))
+            own, pose = slopes[:, _OWN], slopes[:, :6]
+            information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
+        covariance = np.linalg.inv(information)
+    except (cv2.error, np.linalg.LinAlgError) as error:
+        raise LightFieldError(f'the corners are those of no board ({error}); are --corners and '
+                              '--square those of the board?'.replace('\n', ' ')) from None
+    square = float(np.square(pixels).sum() * len(board))
+    variance = square / ((2 * len(board) - 6) * len(pixels) - len(covariance))
+    values = (float(each) for each in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]))
+    return Intrinsics(Pinhole(width, height, *values), tuple(np.ravel(distortion)[:4].tolist()),
+                      np.sqrt(variance * np.diag(covariance)), tuple(pictures),
+                      np.array(pixels))

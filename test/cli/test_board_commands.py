@@ -1,0 +1,157 @@
+"""From pictures of a board to a camera, its poses and an object's pose, as users call commands."""
+
+import json
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from command_line import pmcl
+from painted_boards import painted, picture_of_board
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, pose_of
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.readers.posed_views import ViewCamera, ViewsFile
+from pmcl_ros.lightfield.readers.read import read_source
+
+CAMERA = {'width': 400, 'height': 300, 'fx': 375.0, 'cx': 198.0, 'cy': 152.0}
+PINHOLE = Pinhole(400, 300, 375, 375, 198, 152)
+LARGE, SMALL = Checkerboard(10, 7, 0.02), Checkerboard(6, 5, 0.012)
+
+
+def test_a_board_is_drawn_in_its_true_size(tmp_path):
+    pmcl('board', '--corners', '10x7', '--square', 0.02, '-o', tmp_path / 'board.svg')
+    drawn = ElementTree.parse(tmp_path / 'board.svg').getroot()
+    assert (drawn.get('width'), drawn.get('height')) == ('260mm', '200mm')
+    picture = np.full((400, 520), 255, np.uint8)  # half a millimetre a pixel
+    for each in drawn:
+        x, y, width, height = (round(2 * float(each.get(name)))
+                               for name in ('x', 'y', 'width', 'height'))
+        picture[y:y + height, x:x + width] = 0
+    corners = LARGE.seen(picture)
+    assert corners == pytest.approx(2e3 * (LARGE.points[:, :2] + 0.04) - 0.5, abs=0.05)
+    done = pmcl('board', '--corners', '9x7', '--square', 0.02, '-o', tmp_path / 'b.svg', status=1)
+    assert 'looks the same upside down' in done.stderr
+
+
+@pytest.fixture(scope='module')
+def boards(tmp_path_factory):
+    """A folder of pictures of the large board, and one of something else."""
+    folder, rng = tmp_path_factory.mktemp('boards'), np.random.default_rng(1)
+    for number in range(9):
+        turn = Rotation.from_euler('xyz', [*rng.uniform(-35, 35, 2), rng.uniform(-20, 20)],
+                                   degrees=True).as_matrix()
+        place = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.35, 0.45)])
+        seen = picture_of_board(LARGE, pose_of(turn, place - turn @ LARGE.points.mean(axis=0)),
+                                PINHOLE)
+        cv2.imwrite(str(folder / f'{number}.png'), seen)
+    cv2.imwrite(str(folder / 'wall.jpg'), np.full((300, 400), 90, np.uint8))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def camera(boards, tmp_path_factory):
+    out = tmp_path_factory.mktemp('camera') / 'phone.yaml'
+    done = pmcl('calibrate-camera', boards, '--corners', '10x7', '--square', 0.02, '-o', out)
+    assert 'wall.jpg: no complete board' in done.stderr
+    assert done.stdout.count('.png: corners 0.') == 9
+    return out
+
+
+def test_a_camera_is_calibrated(camera):
+    found = ViewCamera.load(camera)
+    assert (found.width, found.height) == (400, 300)
+    assert [found.fx, found.fy, found.cx, found.cy] == pytest.approx([375, 375, 198, 152],
+                                                                     rel=0.002)
+    assert np.abs(found.distortion).max() < 0.01
+
+
+@pytest.fixture(scope='module')
+def placed(tmp_path_factory):
+    """A capture of posed views, and the same pictures with a board on the table beside it.
+
+    And the board's pose in the frame of the capture.
+    """
+    folder = tmp_path_factory.mktemp('placed')
+    (folder / 'camera.yaml').write_text(yaml.safe_dump(CAMERA))
+    pmcl('scenes', 'render', '--camera', folder / 'camera.yaml', '--cameras', 'arc:3:40',
+         '--samples', 2, '--kind', 'opaque', '--seed', 3, '--count', 1, '-o', folder)
+    capture, pictures = folder / '000003', folder / 'pictures'
+    pictures.mkdir()
+    views = read_source(capture).views
+    pose = Truth.load(capture / 'truth.json').pose
+    standing = trimesh.load_mesh(capture / 'model.obj').apply_transform(pose)
+    place = [*pose[:2, 3], standing.bounds[0, 2]] - 0.12 * views[1].camera_to_reference[:3, 0]
+    turn = Rotation.from_euler('zx', [-100, 180], degrees=True).as_matrix()  # z is down
+    board = pose_of(turn, place - turn @ SMALL.points.mean(axis=0))
+    for each in views:
+        seen = painted(each.displayed(), SMALL, inverse(each.camera_to_reference) @ board, PINHOLE)
+        cv2.imwrite(str(pictures / each.name), seen[..., ::-1])
+    return capture, pictures, board
+
+
+def test_an_object_is_found_by_a_board_beside_it(placed, camera):
+    capture, pictures, board = placed
+    done = pmcl('board-poses', pictures, '--camera', camera, '--corners', '6x5', '--square', 0.012)
+    assert done.stdout.count(' mm away, corners 0.') == 3
+    of, exact = ViewsFile.load(pictures / 'views.yaml'), read_source(capture).views
+    assert of.reference == 'board'
+    assert [each.file for each in of.views] == [each.name for each in exact]
+    truth = Truth.load(capture / 'truth.json')
+    expected = inverse(board) @ truth.pose
+    for each, view in zip(of.views, exact, strict=True):
+        seen = inverse(np.reshape(each.camera_to_reference, (4, 4))) @ expected[:, 3]
+        away = inverse(view.camera_to_reference) @ truth.pose[:, 3]
+        assert np.linalg.norm(seen - away) < 0.003 * away[2]
+        sigma = np.hypot(1e-3 * each.sigma_mm, np.deg2rad(each.sigma_deg) * away[2])
+        assert 1e-5 < sigma < 5e-4
+    done = pmcl('localize', pictures, '--object', capture / 'model.obj', '--json', '--table',
+                0, 0, 0, 0, 0, -1, '--tilt', 0, 20, '--set', 'proposals=200,particles=64')
+    found = json.loads(next(each for each in done.output.splitlines() if each[:1] == '{'))
+    assert not found['lost']
+    assert found['position'] == pytest.approx(expected[:3, 3], abs=0.004)
+
+
+def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, camera, tmp_path):
+    capture, pictures, _ = placed
+    blank = cv2.imread(str(capture / '000.png'))
+    cv2.imwrite(str(tmp_path / 'a.png'), blank)
+    of_simulation = tmp_path / 'camera.yaml'
+    of_simulation.write_text(camera.read_text() + 'noise: 0.01\n')
+    arguments = ('board-poses', tmp_path, '--camera', of_simulation, '--corners', '6x5',
+                 '--square', 0.012)
+    done = pmcl(*arguments, status=1)
+    assert 'a.png: no complete board' in done.stderr
+    assert 'no camera pose by a board of 6x5 inner corners in 1 pictures' in done.stderr
+    assert not (tmp_path / 'views.yaml').exists()
+    (tmp_path / 'b.png').write_bytes((pictures / '000.png').read_bytes())
+    pmcl(*arguments)
+    before = (tmp_path / 'views.yaml').read_text()
+    assert [each['file'] for each in yaml.safe_load(before)['views']] == ['b.png']
+    done = pmcl(*arguments, status=1)
+    assert '--force' in done.stderr
+    assert (tmp_path / 'views.yaml').read_text() == before
+
+
+def test_a_folder_of_other_pictures_is_refused(boards, camera, tmp_path):
+    for command, more in (('calibrate-camera', ('-o', tmp_path / 'c.yaml')),
+                          ('board-poses', ('--camera', camera))):
+        done = pmcl(command, tmp_path, '--corners', '10x7', '--square', 0.02, *more, status=1)
+        assert 'has no pictures (.png, .jpg' in done.stderr
+    for number, size in enumerate([(300, 400), (240, 320)]):
+        cv2.imwrite(str(tmp_path / f'{number}.png'), np.full(size, 90, np.uint8))
+    done = pmcl('calibrate-camera', tmp_path, '--corners', '10x7', '--square', 0.02, '-o',
+                tmp_path / 'c.yaml', status=1)
+    assert '1.png has 320x240 px, 0.png 400x300: all must have one size' in done.stderr.replace(
+        '\n', '')
+    done = pmcl('calibrate-camera', boards, '--corners', '9x8', '--square', 0.02, '-o',
+                tmp_path / 'c.yaml', status=1)
+    assert '0 pictures show a complete board; a calibration needs 5' in done.stderr
+    done = pmcl('board-poses', boards, '--camera', camera, '--corners', '9x7', '--square', 0.02,
+                status=1)
+    assert 'looks the same upside down' in done.stderr

@@ -1,0 +1,83 @@
+"""A camera by pictures of a board: against truth and its own standard deviations."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics
+from pmcl_ros.runtime.errors import LightFieldError
+
+BOARD = Checkerboard(10, 7, 0.02)
+TRUTH = np.array([612.0, 607.0, 322.0, 238.0, -0.12, 0.05, 0.001, -0.0015])  # fx fy cx cy k1 ...
+SIZE = 640, 480
+NOISE = 0.15  # px
+
+
+def seen(rng, count, tilt=35.0, noise=NOISE, values=TRUTH):
+    """By name, corners (m, 2) [px] of a board tilted at random, another way in each picture."""
+    fx, fy, cx, cy, *distortion = values
+    matrix, found = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), {}
+    for number in range(count):
+        turn = Rotation.from_euler('xyz', [*rng.uniform(-tilt, tilt, 2), rng.uniform(-20, 20)],
+                                   degrees=True)
+        place = [*rng.uniform(-0.06, 0.06, 2), rng.uniform(0.32, 0.5)]
+        place = np.array(place) - turn.apply(BOARD.points.mean(axis=0))
+        pixels, _ = cv2.projectPoints(BOARD.points, turn.as_rotvec(), place, matrix,
+                                      np.array(distortion))
+        found[f'{number}.png'] = pixels[:, 0] + rng.normal(0, noise, (len(BOARD.points), 2))
+    return found
+
+
+def numbers(found):
+    pinhole = found.pinhole
+    return np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *found.distortion])
+
+
+def test_exact_corners_give_the_camera():
+    found = fit_intrinsics(seen(np.random.default_rng(1), 12, noise=0), BOARD.points, *SIZE)
+    assert numbers(found) == pytest.approx(TRUTH, rel=2e-3, abs=2e-4)
+    assert (found.pinhole.width, found.pinhole.height) == SIZE
+    assert found.pixels.max() < 0.01
+
+
+def test_errors_are_those_that_are_told():
+    rng, trials = np.random.default_rng(2), 60
+    found = [fit_intrinsics(seen(rng, 15), BOARD.points, *SIZE) for _ in range(trials)]
+    scaled = np.array([(numbers(each) - TRUTH) / each.sigma for each in found])
+    # Means of 60 squares have a standard deviation of 0.18.
+    assert np.square(scaled).mean(axis=0) == pytest.approx(np.ones(8), abs=0.6)
+    assert np.square(scaled).mean() == pytest.approx(1, abs=0.2)
+    pixels = np.sqrt(np.mean([np.square(each.pixels).mean() for each in found]))
+    free = 1 - (8 + 15 * 6) / (2 * len(BOARD.points) * 15)
+    assert pixels == pytest.approx(NOISE * np.sqrt(2 * free), rel=0.02)
+
+
+def test_a_picture_of_another_zoom_is_left_out():
+    rng = np.random.default_rng(3)
+    pictures = seen(rng, 10)
+    pictures['zoomed.png'] = seen(rng, 1, values=TRUTH * [1.4, 1.4, 1, 1, 1, 1, 1, 1])['0.png']
+    found = fit_intrinsics(pictures, BOARD.points, *SIZE)
+    assert found.left_out == ('zoomed.png',)
+    assert found.names == tuple(f'{number}.png' for number in range(10))
+    assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
+
+
+def test_boards_that_are_not_tilted_do_not_tell_the_focal_length():
+    for tilt in (0.5, 2.0):
+        with pytest.raises(LightFieldError, match=r'known to \d.* % only.*tilt the board'):
+            fit_intrinsics(seen(np.random.default_rng(4), 10, tilt=tilt), BOARD.points, *SIZE)
+
+
+def test_few_pictures_and_corners_of_no_board_are_refused():
+    rng = np.random.default_rng(5)
+    with pytest.raises(LightFieldError, match=f'{FEWEST - 1} pictures show a complete board; '):
+        fit_intrinsics(seen(rng, FEWEST - 1), BOARD.points, *SIZE)
+    scattered = {f'{number}.png': rng.uniform([0, 0], SIZE, (len(BOARD.points), 2))
+                 for number in range(FEWEST)}
+    with pytest.raises(LightFieldError, match=r'^\d\.png: the corners are \d+\.\d px off: are '):
+        fit_intrinsics(scattered, BOARD.points, *SIZE)
+    alike = {f'{number}.png': np.full((len(BOARD.points), 2), 100.0) for number in range(FEWEST)}
+    with pytest.raises(LightFieldError, match=r'the corners'):
+        fit_intrinsics(alike, BOARD.points, *SIZE)
