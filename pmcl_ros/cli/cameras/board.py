@@ -106,13 +106,12 @@ def board_poses(pictures: Path, camera: Path, corners: str, square: float, force
         'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
     reduction = _reduction(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
-    views, left_out = [], 0
+    views = []
     for file, seen in boards_in(listed, path, checkerboard, reduction, set()).items():
         try:
             found = camera_at_board({file: seen}, points, pinhole)
         except LightFieldError as error:
             click.echo(f'{error}: left out', err=True)
-            left_out += 1
             continue
         views.append(_entry(file, name, found, points))
         click.echo(f'{file}: {1e3 * np.linalg.norm(found.camera[:3, 3]):.0f} mm away, corners '
