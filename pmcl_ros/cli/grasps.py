@@ -8,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import FILE, FORCE, OBJECT
-from pmcl_ros.drawing.grasp_picture import grasp_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.grasp import GraspFile
@@ -64,6 +63,7 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
                         'metres: docs/howto/grasping.md')
         click.echo(out, err=True)
     if picture is not None:
+        from pmcl_ros.drawing.grasp_picture import grasp_picture  # here: it imports matplotlib
         picture.parent.mkdir(parents=True, exist_ok=True)
         write_png(picture, grasp_picture(Profile.from_model(model), sizes, found, clearances))
         click.echo(picture, err=True)

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.halton import normal_points
 from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.runtime.progress import Progress
@@ -88,7 +88,7 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     """
     # In blocks: every other number of a Halton sequence is not even.
     own = np.arange(count) * len(start) // count
-    normal = _even(count, start[0].basis.shape[1], rng)
+    normal = normal_points(count, start[0].basis.shape[1], rng)
     middles = np.stack([each.pose for each in start])[own]
     poses = _displaced(start, middles, own, normal)
 
@@ -146,14 +146,6 @@ def _metropolis(particles: tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     return (np.where(accepted[:, None, None], tried, poses),
             np.where(accepted, tried_known, known), np.where(accepted, tried_values, values),
             float(accepted.mean()))
-
-
-def _even(count: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(count, dimensions) standard normal numbers."""
-    engine = qmc.Halton(dimensions, seed=rng)
-    made: NDArray[np.float64] = qmc.MultivariateNormalQMC(
-        np.zeros(dimensions), engine=engine).random(count)
-    return made
 
 
 def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArray[np.int64],

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc, chdtri, fdtrc
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract
@@ -254,11 +254,11 @@ def _chances(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
     # make these large, until they fit themselves; in one with heavy tails they count for little.
     squares = _fitted(pictures, boards, told, fixed, heavy_tails=True)[1]
     if told is not None:
-        return np.asarray(stats.chi2.sf(squares, 6))
+        return np.asarray(chdtrc(6, squares))
     # Errors that are estimated, from few pictures say, make large squares likelier: Fisher's
     # distribution, not chi-squared. The median makes the scale that of most pictures.
-    scale = max(np.median(squares) / stats.chi2.median(6), 1)
-    return np.asarray(stats.f.sf(squares / scale / 6, 6, 6 * len(pictures) - 12))
+    scale = max(np.median(squares) / chdtri(6, 0.5), 1)
+    return np.asarray(fdtrc(6, 6 * len(pictures) - 12, squares / scale / 6))
 
 
 def _fitted(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
