@@ -2,7 +2,6 @@
 
 import errno
 from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import click
 from rich.console import Console
 
 from pmcl_ros.runtime.errors import PmclError, SettingsError, error_line, is_out_of_memory
+from pmcl_ros.runtime.imports import imported
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import calibration_file
 
@@ -124,7 +124,7 @@ class Commands(click.Group):
         """The command of a name, if there is one."""
         if name not in self._modules:
             return None
-        module = import_module(f'pmcl_ros.cli.{self._modules[name]}')
+        module = imported(f'pmcl_ros.cli.{self._modules[name]}')
         command = getattr(module, name.replace('-', '_'))
         assert isinstance(command, click.Command)
         return command

@@ -3,8 +3,9 @@
 Imports neither ROS nor the nodes. A test compares the topics with the graph of the running nodes.
 """
 
-from importlib import import_module
 from typing import Any, NamedTuple
+
+from pmcl_ros.runtime.imports import imported
 
 
 class NodeEntry(NamedTuple):
@@ -16,7 +17,7 @@ class NodeEntry(NamedTuple):
 
     def load(self) -> Any:
         """The node's class."""
-        return getattr(import_module(self.module), self.class_name)
+        return getattr(imported(self.module), self.class_name)
 
 
 # In the order of the data: nodes are started from the end, so that no first message is lost, and

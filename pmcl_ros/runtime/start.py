@@ -2,10 +2,10 @@
 
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 
 from pmcl_ros.runtime.errors import MissingRosError
+from pmcl_ros.runtime.imports import imported
 from pmcl_ros.runtime.requirements import described, install_command, lacking
 
 MODULES = {
@@ -37,7 +37,7 @@ def start(name: str) -> int | None:
     It is 130, as shells have it, where Ctrl-C comes before the libraries are imported.
     """
     try:
-        return import_module(MODULES[name]).main()
+        return imported(MODULES[name]).main()
     except KeyboardInterrupt:
         return 130
     except MissingRosError as error:
@@ -53,3 +53,7 @@ def start(name: str) -> int | None:
         sys.stderr.write(f'{name}: not installed, or too old: {described(missing)}\n'
                          f'Install them: {install_command(missing)}\n')
         return 1
+
+
+if __name__ == '__main__':  # with the name of the entry point before its arguments
+    sys.exit(start(sys.argv.pop(1)))

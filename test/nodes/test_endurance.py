@@ -53,7 +53,7 @@ def told(states, node, key):
 def process_of(chain, name):
     children = Path(f'/proc/{chain.popen.pid}/task/{chain.popen.pid}/children').read_text()
     pid, = (int(each) for each in children.split()
-            if f'.{name}\0' in Path(f'/proc/{each}/cmdline').read_text())
+            if f'\0{name}\0' in Path(f'/proc/{each}/cmdline').read_text())
     return pid
 
 

@@ -24,6 +24,7 @@ from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
+from pmcl_ros.runtime import start
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.usage import cpu_seconds
 
@@ -101,7 +102,7 @@ class Graph:
         """Its processes: name to process id."""
         pid = self._process.pid
         children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-        return {'pmcl_bringup': pid} | {_module_of(int(each)): int(each) for each in children}
+        return {'pmcl_bringup': pid} | {_node_of(int(each)): int(each) for each in children}
 
     @property
     def cpu_seconds(self) -> float:
@@ -168,7 +169,7 @@ class Graph:
             return self._process.wait()
 
 
-def _module_of(pid: int) -> str:
+def _node_of(pid: int) -> str:
     words = Path(f'/proc/{pid}/cmdline').read_bytes().split(b'\0')
-    names = [each.rpartition(b'.')[2].decode() for each in words if each.startswith(b'pmcl_ros.')]
-    return names[0] if names else str(pid)
+    before = start.__name__.encode()  # which `NodeProcess` runs
+    return words[words.index(before) + 1].decode() if before in words else str(pid)

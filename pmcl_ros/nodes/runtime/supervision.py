@@ -16,6 +16,7 @@ from pmcl_ros.nodes.graph import NodeEntry
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.health import Health
 from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, pause
+from pmcl_ros.runtime import start
 from pmcl_ros.runtime.errors import PmclError
 
 _SOON, _LATE = 0.5, 30.0  # s: before a node is started again; doubled each time, up to the second
@@ -45,9 +46,9 @@ class NodeProcess:
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         try:
             # sys.executable: the pip build of ROS sets its library path for this interpreter alone
-            self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
-                                             start_new_session=True,
-                                             env=os.environ | {PARENT: str(os.getpid())})
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', start.__name__, entry.name, *ros_args],
+                start_new_session=True, env=os.environ | {PARENT: str(os.getpid())})
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
