@@ -32,6 +32,7 @@ from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime import start
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
@@ -83,9 +84,9 @@ def _say(text: str) -> None:
     _CONSOLE.print(f'[cyan]{time.monotonic() - _STARTED:5.1f} s[/]  {text}', highlight=False)
 
 
-def _start(stack: ExitStack, module: str, *arguments: str) -> subprocess.Popen[bytes]:
+def _start(stack: ExitStack, name: str, *arguments: str) -> subprocess.Popen[bytes]:
     """A process of the package, ended when the stack is left."""
-    process = subprocess.Popen([sys.executable, '-m', module, *arguments])
+    process = subprocess.Popen([sys.executable, '-m', start.__name__, name, *arguments])
 
     def end() -> None:
         process.terminate()
@@ -135,12 +136,11 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
                    'lytro_driver:address': _simulate(stack, bag)} if simulate else
                   {'lytro_driver:source': 'files',
                    'lytro_driver:path': 'package://pmcl_ros/config/cameras'})
-        processes = [_start(stack, 'pmcl_ros.nodes.bringup', '--processes', '--params-file',
+        processes = [_start(stack, 'pmcl_bringup', '--processes', '--params-file',
                             str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
                             *_parameters(bag, truth, camera))]
         if not simulate:
-            processes.append(_start(stack, 'pmcl_ros.nodes.replay', str(bag), '--timeout',
-                                    str(_PATIENCE)))
+            processes.append(_start(stack, 'pmcl_replay', str(bag), '--timeout', str(_PATIENCE)))
         deadline = time.monotonic() + _PATIENCE
 
         def alive(*_: object) -> None:
