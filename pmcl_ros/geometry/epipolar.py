@@ -23,8 +23,7 @@ def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray
 
     rays: (m, 2, 3) in either camera. between: (4, 4) first to second camera.
     """
-    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True)
-                  for each in (rays[:, 0] @ between[:3, :3].T, rays[:, 1]))
+    one, other = rays[:, 0] @ between[:3, :3].T, rays[:, 1]
     normal = np.cross(other, one)
     ahead = -np.einsum('mi,mi->m', np.cross(other, between[:3, 3]), normal)
     angle = np.arctan2(np.linalg.norm(normal, axis=1), np.einsum('mi,mi->m', one, other))

@@ -57,13 +57,17 @@ def _across(mesh: trimesh.Trimesh, axis: NDArray[np.float64]) -> NDArray[np.floa
     it takes corners to corners.
     """
     vertices = np.asarray(mesh.vertices, np.float64)
-    heights = vertices @ axis
-    aside = vertices - heights[:, None] * axis
-    direction = aside[np.linalg.norm(aside, axis=1).argmax()]
+    heights, direction = vertices @ axis, _farthest_aside(vertices, axis)
     turn = Rotation.from_rotvec(np.pi * direction / np.linalg.norm(direction)).as_matrix()
     motion = pose_of(turn, (heights.min() + heights.max()) * axis)[None]
     limit = _limit(mesh)
     return motion[:int(Surface.from_mesh(mesh).moved_by(motion, limit) <= limit)]
+
+
+def _farthest_aside(places: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) from an axis through the origin to the farthest of places (n, 3), across it."""
+    aside = places - (places @ axis)[:, None] * axis
+    return np.asarray(aside[np.linalg.norm(aside, axis=1).argmax()])
 
 
 def _about_centroid(mesh: trimesh.Trimesh, name: str) -> list[NDArray[np.float64]]:
@@ -104,7 +108,8 @@ def _candidates(mesh: trimesh.Trimesh, middle: NDArray[np.float64],
     between = np.concatenate([corners[first] + corners[second], corners[first] - corners[second]])
     largest = np.argsort(-mesh.area_faces, kind='stable')[:_MANY]
     normals = _unique_lines(np.asarray(mesh.face_normals, np.float64)[largest])[:_NORMALS]
-    return _unique_lines(np.concatenate([principal, corners, normals, between]))
+    aside = [_farthest_aside(away, each) for each in principal]
+    return _unique_lines(np.concatenate([principal, corners, normals, between, aside]))
 
 
 def _unique_lines(directions: NDArray[np.float64]) -> NDArray[np.float64]:

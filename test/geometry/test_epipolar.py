@@ -26,6 +26,7 @@ def test_the_distance_is_that_from_the_epipolar_line():
     share = np.square(line[:, :2]).sum(axis=1)
     expected = 1e-4 * np.sqrt(share / (share + np.square(back[:, :2]).sum(axis=1)))
     np.testing.assert_allclose(sampson(moved, many), expected, rtol=1e-3)
+    assert (sampson(rays, np.eye(4)[None]) == 0).all()  # of one place there is no line
 
 
 def test_the_parallax_is_negative_behind_the_cameras():

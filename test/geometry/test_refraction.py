@@ -65,9 +65,18 @@ def test_a_tank_from_below_its_surface_is_its_front():
     np.testing.assert_allclose(low.apparent(points), front.apparent(points))
 
 
-def test_straight_down_depths_are_divided_by_the_index():
-    seen = WATER.apparent(-0.7 * UP[None])
-    np.testing.assert_allclose(seen[0], -(0.3 + 0.4 / 1.33) * UP, atol=1e-9)
+@pytest.mark.parametrize('up', [UP, np.array([0, 0, -1.0])], ids=['oblique', 'looking down'])
+def test_straight_down_depths_are_divided_by_the_index(up):
+    seen = Interface(-0.3 * up[None], up[None], 1.33).apparent(-0.7 * up[None])
+    np.testing.assert_allclose(seen[0], -(0.3 + 0.4 / 1.33) * up, atol=1e-9)
+
+
+@pytest.mark.parametrize('water', [WATER, TANK], ids=['water', 'tank'])
+def test_snells_law_knows_no_lengths(water):
+    larger = Interface(10 * water.points, water.normals, water.index)
+    points = np.random.default_rng(5).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (500, 3))
+    np.testing.assert_allclose(larger.apparent(10 * points), 10 * water.apparent(points),
+                               atol=1e-6)
 
 
 def test_in_the_water_nothing_is_bent():

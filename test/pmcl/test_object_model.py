@@ -404,6 +404,30 @@ TETRAHEDRON = trimesh.Trimesh(0.03 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -
 OBLIQUE = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.01, 0.02, 0])
 
 
+def twisted(turn):
+    """A triangular prism whose upper end is turned; half turns are about no corner or face."""
+    angles = 2 * np.pi * np.arange(3) / 3
+    return trimesh.convex.convex_hull(np.concatenate([
+        np.stack([0.03 * np.cos(each), 0.03 * np.sin(each), np.full(3, height)], axis=1)
+        for each, height in ((angles, -0.05), (angles + turn, 0.05))]))
+
+
+def pointed(corners):
+    """With a point at both ends, which are its farthest corners."""
+    return trimesh.convex.convex_hull(np.vstack([corners, [[0, 0, 0.08], [0, 0, -0.08]]]))
+
+
+def open_box():
+    box = trimesh.creation.box((0.05, 0.05, 0.05))
+    return trimesh.Trimesh(box.vertices, box.faces[box.face_normals[:, 2] < 0.5])
+
+
+def needle():
+    """On a box; it has hardly a surface."""
+    thin = trimesh.creation.cone(2e-5, 0.01, sections=3).apply_translation([0.012, 0.007, 0.05])
+    return trimesh.util.concatenate([trimesh.creation.box((0.05, 0.05, 0.1)), thin])
+
+
 @pytest.mark.parametrize(('mesh', 'count'), [
     (trimesh.creation.box((0.05, 0.06, 0.1)), 4), (trimesh.creation.box((0.05, 0.05, 0.1)), 8),
     (trimesh.creation.box((0.05, 0.05, 0.05)), 24), (TETRAHEDRON, 12),
@@ -411,9 +435,13 @@ OBLIQUE = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.01, 0.02, 0
     (prism(7), 14), (trimesh.creation.cone(0.03, 0.1, sections=7), 7),
     (trimesh.creation.cone(0.03, 0.1, sections=5), 5),
     (trimesh.creation.cylinder(0.03, 0.1, sections=48).apply_transform(np.diag([1, 0.7, 1, 1])),
-     4), (bracket(), 1), (mug(), 2)],
+     4), (bracket(), 1), (mug(), 2), (twisted(0.4), 6), (twisted(np.pi / 3), 6), (open_box(), 4),
+    (needle(), 1), (pointed(prism(6).vertices), 12),
+    (pointed(prism(3).vertices * [1, 1, 0]), 6), (pointed(prism(4).vertices * [1, 1, 0]), 8)],
     ids=['box', 'square box', 'cube', 'tetrahedron', 'icosahedron', 'triangle', 'hexagon',
-         'heptagon', 'pyramid of 7 sides', 'pyramid', 'ellipse', 'bracket', 'mug'])
+         'heptagon', 'pyramid of 7 sides', 'pyramid', 'ellipse', 'bracket', 'mug', 'twisted',
+         'antiprism', 'open box', 'needle', 'crystal',
+         'bipyramid', 'square bipyramid'])
 def test_motions_that_leave_the_mesh_as_it_is_are_found(tmp_path, caplog, mesh, count):
     """Wherever the mesh lies, they are a group and keep the set of its corners."""
     with caplog.at_level(logging.INFO):
