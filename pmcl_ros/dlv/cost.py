@@ -143,7 +143,7 @@ def _sweep(planes, where, cells, taps, time, weights,  # type: ignore[no-untyped
         first, end = rows[0] + count * band // bands, rows[0] + count * (band + 1) // bands
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)
-        for row in range(first - half, end + half if first < end else first - half):
+        for row in range(first - half, end + half):
             sums = across[(row + reach) % reach]
             if 0 <= row < height:
                 row_costs(planes, where, cells, taps, time, weights, limits, inside, left, top,

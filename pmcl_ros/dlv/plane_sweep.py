@@ -146,7 +146,7 @@ def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyp
         offsets, jacobians = np.empty(width, np.int64), np.empty((width, 4), np.float32)
         fractions = np.empty((width, 2), np.int64)
         patches = np.empty((width, _PATCH), np.float32)
-        for row in range(first - half, end + half if first < end else first - half):
+        for row in range(first - half, end + half):
             sums = across[(row + reach) % reach]
             if 0 <= row < height:
                 single[band] = 0

@@ -48,10 +48,9 @@ class BagFiles(Settings):
     compression_mode: str | None = ''
 
     @property
-    def compressed(self) -> str:
-        """What is compressed by rosbag2 itself: file, message, or nothing."""
-        mode = (self.compression_mode or '').lower()
-        return mode if self.compression_format and mode in ('file', 'message') else ''
+    def each_packed(self) -> bool:
+        """Whether rosbag2 has compressed the messages one by one."""
+        return bool(self.compression_format) and (self.compression_mode or '').lower() == 'message'
 
     @classmethod
     def read(cls, bag: Path) -> 'BagFiles':

@@ -241,8 +241,7 @@ def _opened(bag: Path) -> Iterator[McapReader | SqliteReader | _MessagesUnpacked
             foreign = {each.encoding for each in file.channels.values()} - {'cdr'}
             if foreign:
                 raise BagError(f'its messages are {", ".join(foreign)}, only cdr is read')
-            each_packed = of is not None and of.compressed == 'message'
-            yield _MessagesUnpacked(file) if each_packed else file
+            yield _MessagesUnpacked(file) if of and of.each_packed else file
 
 
 def _file(path: Path, stack: ExitStack) -> McapReader | SqliteReader:

@@ -100,6 +100,12 @@ def test_ends_and_plateaux(ray, label):
     assert layers.likelihood[0, 0, 0] == max(ray)
 
 
+def test_a_ripple_between_equal_maxima_makes_no_two_surfaces():
+    ray = np.array([0, 1, 0.95, 1, 0], np.float32)
+    layers = read_layers(ray[None, None], depth_labels(0.3, 0.9, 5))
+    assert np.isfinite(layers.depths).sum() == 1
+
+
 def lambertian_field(size, disparity, slope):
     """A slanted textured plane in 7x7 views: `disparity` px per view step, growing by `slope`.
 

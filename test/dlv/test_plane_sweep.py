@@ -188,6 +188,18 @@ def test_a_view_before_and_behind_which_pixels_are_is_read_whole():
     assert cut.others[1].picture.shape == (1, 1, 3)
 
 
+def test_what_is_straight_behind_a_camera_is_not_seen_by_it():
+    aside = np.eye(4)  # it looks to the right, from among what the other sees
+    aside[:3, :3] = Rotation.from_euler('y', 90, degrees=True).as_matrix()
+    aside[2, 3] = 0.62
+    noise = np.random.default_rng(0).random((2, 72, 96, 3), np.float32)
+    views = PosedViews(tuple(PosedView(HEADER, picture, PINHOLE, each)
+                             for picture, each in zip(noise, (np.eye(4), aside), strict=True)))
+    found = build_volume_of_views(views, DlvSettings(**ENDS, labels=9, window=3), 0).likelihood
+    assert not found[:, :round(PINHOLE.cx) - 1].any()
+    assert found[30:40, -20:].any(axis=2).all()
+
+
 def test_the_best_label_is_the_depth_of_what_is_seen_from_all_sides():
     plane = np.array([0.6, 0.2, 1.0])
     plane /= 0.62 * plane[2]
@@ -242,7 +254,7 @@ def test_masked_pixels_say_nothing(interpolation):
     masks = np.ones((len(ARC), PINHOLE.height, PINHOLE.width), bool)
     masks[:, 40:, 30:60] = False
     masks[1, :, :50] = False
-    settings = DlvSettings(**ENDS, labels=15, interpolation=interpolation, window=5)
+    settings = DlvSettings(**ENDS, labels=15, interpolation=interpolation, window=9)
     one, other = (build_volume_of_views(masked_views(seed, masks), settings) for seed in (0, 1))
     np.testing.assert_array_equal(one.likelihood, other.likelihood)
     assert not one.likelihood[~masks[2]].any()

@@ -71,6 +71,8 @@ def test_a_raw_picture_has_the_last_metadata_before_it(tmp_path, raw_frame, came
                      for k, each in enumerate(messages)])
         found = read_bag(bag)
         assert (found.header, found.metadata) == (HEADER, raw_frame.metadata)
+    with pytest.raises(BagError, match='no /image_raw with /metadata before it'):
+        extract_captures(bag, tmp_path)
 
 
 def test_views_of_the_first_complete_capture_are_read(tmp_path, light_field):

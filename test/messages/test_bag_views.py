@@ -256,8 +256,12 @@ def test_views_beyond_the_memory_are_left_and_those_before_taken(tmp_path, caplo
 
 
 def test_bags_of_the_older_storage_are_read_too(tmp_path):
+    """Topics of a Lytro that took no picture count as none."""
     writer = Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
+        for topic, kind in (('/metadata', 'std_msgs/msg/String'),
+                            ('/image_raw', 'sensor_msgs/msg/Image')):
+            writer.add_connection(topic, kind, typestore=typestore())
         known = {}
         for each in (ROBOT.info(), *ROBOT.images(), *ROBOT.poses()):
             if each.topic not in known:
