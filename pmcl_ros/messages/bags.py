@@ -92,9 +92,9 @@ class BagWriter:
                          for number, channel, qos in self._channels.values()],
             start, end - start))
         try:
-            self._writer.close(bag_metadata.as_yaml(metadata))
+            self._writer.finish(bag_metadata.as_yaml(metadata))
         finally:
-            self._writer.release()
+            self._writer.close()
         if sum(self._writer.counts):
             bag_metadata.write(self._bag / bag_metadata.NAME, metadata)
         else:

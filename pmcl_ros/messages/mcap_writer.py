@@ -28,7 +28,7 @@ class McapWriter:
 
     counts: messages of each channel that are in the file or wait for their chunk to end. A chunk
     that does not fit on the disk is taken away again, and its messages count no more. summary:
-    bytes of the index of chunks that `close` writes. Raises OSError.
+    bytes of the index of chunks that `finish` writes. Raises OSError.
     """
 
     def __init__(self, path: Path, compress: bool = True, chunk: int = 2 ** 20) -> None:
@@ -76,7 +76,7 @@ class McapWriter:
         if len(self._records) > self._enough:
             self.flush()
 
-    def close(self, metadata: str) -> None:
+    def finish(self, metadata: str) -> None:
         """After `flush`: write the summary. metadata: of the bag, YAML."""
         start = self._place
         self._put(record(Op.METADATA, text('rosbag2'),
@@ -91,9 +91,8 @@ class McapWriter:
             len(self._chunks), *(self.times or (0, 0))), sized(counts))
         self._put_summary((*self._schemas.values(),), self._channels, self._chunks, [index],
                           [statistics])
-        self.release()
 
-    def release(self) -> None:
+    def close(self) -> None:
         """Close the file as it is."""
         self._file.close()
 
