@@ -76,7 +76,7 @@ class StereoPairs:
         size = np.array([self.grid.pinhole.width, self.grid.pinhole.height])
         first = np.maximum(np.ceil(-shifts.min(axis=1) - _ROUNDING), 0)
         end = np.minimum(np.floor(size - 1 - shifts.max(axis=1) + _ROUNDING) + 1, size)
-        return np.stack([first, np.maximum(end, first)], axis=-1).reshape(-1, 4).astype(np.int64)
+        return np.stack([first, end], axis=-1).reshape(-1, 4).astype(np.int64)
 
     def shifts(self, depths: NDArray[np.floating]) -> NDArray[np.float64]:
         """(pairs, labels, 2) displacement in each view, x and y [px], of a point at `depths` [m].

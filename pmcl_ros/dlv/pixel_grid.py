@@ -63,8 +63,8 @@ class PixelGrid:
         stride = self.stride
         left = self.left - min(steps, self.left // stride) * stride
         top = self.top - min(steps, self.top // stride) * stride
-        right = min(int(self.columns[-1]) + steps * stride + 1, self.whole.width)
-        bottom = min(int(self.rows[-1]) + steps * stride + 1, self.whole.height)
+        right = min(self.left + self.width + steps * stride, self.whole.width)
+        bottom = min(self.top + self.height + steps * stride, self.whole.height)
         return PixelGrid(self.whole, left, top, right - left, bottom - top, stride)
 
     def within(self, other: 'PixelGrid') -> tuple[slice, slice]:

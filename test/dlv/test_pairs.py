@@ -94,9 +94,10 @@ def test_a_single_view_is_refused(interpolation):
         build_volume(field, DlvSettings(interpolation=interpolation))
 
 
-def test_depths_that_shift_views_out_of_the_image_are_refused():
+@pytest.mark.parametrize('size', [(90, 25), (25, 90)])
+def test_depths_that_shift_views_out_of_the_image_are_refused(size):
     with pytest.raises(VolumeError, match=r'at 0\.03 m .* 33 px.*choose a larger near'):
-        build_volume(noise_field(make_grid()), DlvSettings(near=0.03))
+        build_volume(noise_field(make_grid(size=size)), DlvSettings(near=0.03))
 
 
 @pytest.mark.parametrize('views', [3, 5])
