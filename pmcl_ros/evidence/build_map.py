@@ -57,20 +57,18 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     larger = min(bin_side(size / settings.stride), min(lattice.shape) // _LEAST)
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
-                      1 if isinstance(source, LightField) else max(larger, 1))
+                      1 if isinstance(source, LightField) else larger)
 
 
 def warn_of_one_colour(source: LightField | PosedView,
                        crop: tuple[int, int, int, int] = (0, 0, 0, 0)) -> None:
     """Log a warning where a picture, or the centre view, shows nothing.
 
-    crop: left, top, width, height of the part that is looked at [px]; width or height 0: to the
-    border.
+    crop: of the part that is looked at, as of `PixelGrid.from_crop`.
     """
     view = centre_view(source) if isinstance(source, LightField) else source
-    left, top, width, height = crop
-    if view.is_of_one_colour(left, top, width or view.pinhole.width - left,
-                             height or view.pinhole.height - top):
+    part = PixelGrid.from_crop(view.pinhole, crop, 1)
+    if view.is_of_one_colour(part.left, part.top, part.width, part.height):
         _LOG.warning('%s is of one colour: is the lens covered, is it dark, or are its values of '
                      '10 or 12 bits not scaled to 16?', view.name or 'a picture')
 

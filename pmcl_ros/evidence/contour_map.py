@@ -36,7 +36,7 @@ class ContourMap(EvidenceVolume):
     Both have one label in place of all where each has the same. They are relative to their base
         rates.
     numbers: how they become evidence.
-    bin_side: of the squares of pixels that are one in `coarser`; 1: there is none.
+    bin_side: of the squares of pixels that are one in `coarser`; 1 or less: there is none.
     """
 
     inside: NDArray[np.float32]

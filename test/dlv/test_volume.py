@@ -45,7 +45,7 @@ def edges_of(values=None, depths=DEPTHS):
 @pytest.mark.parametrize(('depths', 'reason'), [
     (DEPTHS[::-1], 'far to near'),
     (np.linspace(0.9, 0.3, 5), 'uniform in inverse depth'),
-    ([0.9, 0.7, 0.7, 0.5, 0.3], 'far to near'),
+    ([0.9, 0.7, 0.7, 0.5, 0.3], 'far to near'), ([0.5] * 5, 'far to near'),
     ([0.9, 0.7, 0, 0.5, 0.3], 'positive finite'),
     ([0.9, 0.7, -0.5, 0.5, 0.3], 'positive finite'),
     ([np.inf, 0.7, 0.6, 0.5, 0.3], 'positive finite'),

@@ -49,9 +49,10 @@ def test_a_larger_picture_shows_the_same_with_fewer_pixels():
 
 
 def test_each_of_several_views_is_made_to_fit():
-    small, large = view(640, 480), view(4032, 3024)
-    found = binned_to_fit(PosedViews((small, large)), SETTINGS)
+    small, large, between = view(640, 480), view(4032, 3024), view(2500, 1800)
+    found = binned_to_fit(PosedViews((small, large, between)), SETTINGS)
     assert found.views[0] is small
+    assert found.views[2].pinhole == binned_to_fit(between, SETTINGS).pinhole
     assert found.views[1].pinhole == binned(large, 3).pinhole
 
 

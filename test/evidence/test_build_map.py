@@ -69,6 +69,12 @@ def test_a_contour_is_likely_where_it_is_and_with_the_object_on_its_side(light_f
     assert odds.inside[117, 110, 1] > odds.inside[20, 20, 1]
 
 
+def test_the_exposure_of_a_light_field_is_of_no_account(light_field):
+    odds, darker = (build_map(replace(light_field, views=np.float32(light) * light_field.views),
+                              SETTINGS) for light in (1, 0.25))
+    np.testing.assert_allclose(darker.tensor, odds.tensor, atol=0.01)
+
+
 def test_one_picture_has_one_label_for_all_depths(light_field):
     view = centre_view(light_field)
     odds = build_map(view, SETTINGS)
@@ -105,8 +111,9 @@ def test_of_a_large_object_there_is_a_map_with_larger_pixels_too(light_field):
     assert part.coarser.pinhole == halved.crop(24, 32, 66, 64)
     off = part.coarser.tensor - fine.coarser.tensor[32:96, 24:90]
     assert np.abs(off).mean() < 0.1 * np.abs(fine.coarser.tensor).mean()
-    strided = build_map(view, SETTINGS.model_copy(update={'stride': 2}), size=1e6)
-    assert strided.coarser is None  # of 112 px; 64 at least are left
+    for change in ({'stride': 2}, {'crop': (0, 50, 0, 100)}, {'crop': (0, 50, 0, 50)}):
+        small = build_map(view, SETTINGS.model_copy(update=change), size=1e6)
+        assert small.coarser is None, change  # 64 px at least are left
 
 
 @pytest.mark.parametrize('level', [0.0, 0.5])
@@ -119,6 +126,10 @@ def test_a_picture_of_one_colour_is_told(light_field, caplog, level):
     assert 'a picture is of one colour: is the lens covered, is it dark, or are' in caplog.text
     build_map(replace(blank, name='b.png'), SETTINGS)
     assert 'b.png is of one colour: is the lens covered' in caplog.text
+    below = np.where(np.arange(SIDE)[:, None, None] < 150, blank.picture, view.picture)
+    part = SETTINGS.model_copy(update={'crop': (0, 20, 0, 120)})
+    build_map(replace(view, picture=below, name='c.png'), part)
+    assert 'c.png is of one colour' in caplog.text
 
 
 def test_where_a_mask_is_false_a_map_says_nothing_and_edges_are_refused(light_field):
