@@ -25,11 +25,14 @@ def test_a_picture_is_known_by_its_pixels_and_its_camera() -> None:
     assert first[0].evidence is first[2].evidence is not first[1].evidence
     moved = np.eye(4)
     moved[0, 3] = 0.1
-    again = replace(one, picture=one.picture.copy(), camera_to_reference=moved)
+    again = replace(one, picture=one.picture.copy(), camera_to_reference=moved,
+                    sigma=(0.001, 0.002), group='arm', common=0.4, drift=0.003)
     second = builder.build(PosedViews((again, other))).views
     assert second[0].evidence is first[0].evidence
     assert second[1].evidence is first[1].evidence
-    np.testing.assert_array_equal(second[0].camera_to_reference, moved)
+    for name in ('camera_to_reference', 'sigma', 'group', 'common', 'drift'):
+        assert getattr(second[0], name) is getattr(again, name), name
+    assert second[0].view is again
     changed = other.picture.copy()
     changed[37, 41] = 0
     wide = replace(one.pinhole, fx=61.0)

@@ -67,13 +67,29 @@ def test_blurred_log_odds_are_those_of_a_contour_somewhere_near():
     assert blurred[15, 2, 1, 0] == pytest.approx(-2, abs=0.01)
 
 
+@pytest.mark.parametrize('box', [(10, 8, 25, 20), (-5, -4, 12, 9), (30, 20, 60, 50)], ids=str)
+def test_in_a_box_what_is_around_it_counts_too(box):
+    whole, part = replace(MAP).blurred(2.0), replace(MAP)
+    left, top, right, bottom = box
+    inside = np.s_[max(top, 0):bottom, max(left, 0):right]
+    np.testing.assert_allclose(part.blurred(2.0, box).tensor[inside], whole.tensor[inside],
+                               atol=1e-5)
+    np.testing.assert_array_equal(part.blurred(2.0).tensor, whole.tensor)  # and not the box's
+
+
+def test_a_box_out_of_view_is_no_error():
+    for box in ((-40, -40, -20, -20), (90, 5, 95, 9)):
+        np.testing.assert_array_equal(replace(MAP).blurred(2.0, box).tensor, MAP.tensor)
+
+
 def test_a_contour_of_the_coarser_map_is_somewhere_in_a_square_of_pixels():
     assert MAP.coarser is None
     even = MAP.tensor * [1, 0, 0, 0, 0]  # the same in all directions
-    coarser = replace(MAP, tensor=even.astype(np.float32), bin_side=3).coarser
+    off = NUMBERS.model_copy(update={'contour_offset': 0.6})
+    coarser = replace(MAP, tensor=even.astype(np.float32), bin_side=3, numbers=off).coarser
     assert coarser.pinhole == CAMERA.crop(0, 0, 39, 30).resized(13, 10)
     assert coarser.coarser is None
-    assert coarser.profile.offsets * 3 == pytest.approx(MAP.profile.offsets)
+    assert coarser.profile.offsets * 3 == pytest.approx([0.6])
     squares = even[:, :39].reshape(10, 3, 13, 3, 3, 5)
     np.testing.assert_allclose(coarser.tensor[..., 0],
                                np.log(np.exp(squares[..., 0]).mean(axis=(1, 3))), atol=1e-5)
@@ -86,14 +102,18 @@ def test_a_contour_of_the_coarser_map_is_somewhere_in_a_square_of_pixels():
         weak, 0.01 * MAP.tensor[:, :39].reshape(10, 3, 13, 3, 3, 5).mean(axis=(1, 3)), atol=3e-4)
 
 
-def test_of_many_pixels_bands_are_binned_one_after_the_other():
-    wide = Pinhole(150000, 8, 50.0, 50.0, 0.0, 0.0)
-    tensor = np.zeros((8, 150000, 1, 5), np.float32)
-    tensor[:, :, 0, 0] = np.arange(8)[:, None] // 2  # a band is of two rows
-    coarser = ContourMap(Header(), tensor, MAP.depths[:2], wide,
-                         np.zeros((8, 150000, 1), np.float32), NUMBERS, 2).coarser
-    np.testing.assert_allclose(coarser.tensor[:, :, 0, 0],
-                               np.broadcast_to(np.arange(4.0)[:, None], (4, 75000)), atol=1e-5)
+def test_of_many_pixels_bands_are_made_one_after_the_other():
+    wide = Pinhole(150000, 4, 50.0, 50.0, 0.0, 0.0)
+    tensor = np.zeros((4, 150000, 1, 5), np.float32)
+    tensor[:, :, 0, 0] = np.arange(4)[:, None] // 2  # a band is of two rows, or of one
+    whole = ContourMap(Header(), tensor, MAP.depths[:2], wide,
+                       np.zeros((4, 150000, 1), np.float32), NUMBERS, 2)
+    np.testing.assert_allclose(whole.coarser.tensor[:, :, 0, 0],
+                               np.broadcast_to([[0.0], [1.0]], (2, 75000)), atol=1e-5)
+    narrow = replace(whole, tensor=tensor[:, :50], inside=whole.inside[:, :50],
+                     pinhole=replace(wide, width=50))
+    np.testing.assert_allclose(whole.blurred(0.6).tensor[:, 25], narrow.blurred(0.6).tensor[:, 25],
+                               atol=1e-5)
 
 
 def test_a_part_of_the_pixels_and_suppression():
