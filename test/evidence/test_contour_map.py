@@ -42,14 +42,16 @@ def test_a_reading_is_the_weighted_series_of_the_normals_angle():
 
 def test_what_a_silhouette_covers_is_the_integral_along_its_normal():
     inside = np.zeros((30, 40, 3), np.float32)
-    inside[:, :20], inside[:, 20:] = 25, -12.5  # times the weight 0.02
+    inside[:, :20, 1], inside[:, 20:, 1] = 25, -12.5  # times the weight 0.02, at one depth
     shifts = np.arange(-4, 4.5, 0.5)
-    found = region_across(replace(MAP, inside=inside), np.array([[19.5, 10.0], [500.0, 10.0]]),
-                          np.array([[1.0, 0.0], [1.0, 0.0]]), MAP.depths[:2], shifts)
+    pixels = np.array([[19.5, 10.0], [500, 10], [-500, 10], [20, 30], [20, -1], [20, 10]])
+    depths = MAP.depths[[1, 1, 1, 1, 1, 2]]
+    found = region_across(replace(MAP, inside=inside), pixels, np.tile([1.0, 0.0], (6, 1)), depths,
+                          shifts)
     expected = np.where(shifts < 0, 0.5 * shifts, -0.25 * shifts)
     np.testing.assert_allclose(found[0], expected, atol=0.2)
-    assert not found[1].any()  # out of view nothing is covered
-    assert found.shape == (2, 17)
+    assert not found[1:].any()  # out of view nothing is covered
+    assert found.shape == (6, 17)
     assert found[0, 8] == 0
 
 
@@ -78,7 +80,7 @@ def test_in_a_box_what_is_around_it_counts_too(box):
 
 
 def test_a_box_out_of_view_is_no_error():
-    for box in ((-40, -40, -20, -20), (90, 5, 95, 9)):
+    for box in ((-40, 5, -20, 9), (5, -40, 9, -20), (90, 5, 95, 9)):
         np.testing.assert_array_equal(replace(MAP).blurred(2.0, box).tensor, MAP.tensor)
 
 
