@@ -89,6 +89,16 @@ def test_no_place_is_better_than_its_bound(problem):
     assert (bounds >= best).all()
 
 
+def test_a_bound_is_that_of_the_only_place_where_a_template_fits(problem):
+    maps, where, _ = problem
+    offsets, directions, row, column, rows, columns = where
+    for y, x in np.ndindex(rows, columns):
+        only = np.zeros_like(maps)
+        only[directions[0], row + y + offsets[0, :, 1], column + x + offsets[0, :, 0]] = 510
+        square = y // SQUARE * -(-columns // SQUARE) + x // SQUARE
+        assert bounds_of(only, where)[0, square] == 510 * POINTS, (y, x)
+
+
 def test_a_bound_is_reached_where_places_are_alike(problem):
     maps, where, _ = problem
     flat = np.broadcast_to(maps[:, :1, :1], maps.shape)  # nothing differs between places
