@@ -51,7 +51,7 @@ class SqliteReader:
                     'ORDER BY timestamp, id'):
                 if channel not in channels:
                     continue
-                if not isinstance(size, int) or not 0 <= size <= MOST_CHUNK:
+                if not isinstance(size, int) or size > MOST_CHUNK:
                     raise BagError(f'message {number} has {size} bytes')
                 data, = self._file.execute('SELECT data FROM messages WHERE id = ?',
                                            (number,)).fetchone()

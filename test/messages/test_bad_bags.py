@@ -247,6 +247,7 @@ def test_a_bag_of_older_versions(tmp_path):
     (TOPICS + 'CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp '
      'INTEGER, data BLOB AS (zeroblob(1000000000)))', 'no table messages'),
     (TOPICS + MESSAGES + "; INSERT INTO messages VALUES (1, 1, 'x', 'y')", 'invalid literal'),
+    (TOPICS + MESSAGES + '; INSERT INTO messages VALUES (1, 1, 5, NULL)', 'has None bytes'),
 ])
 def test_a_file_of_sqlite_that_is_no_bag(tmp_path, script, told):
     bag = sqlite_bag(tmp_path / 'bag', script)
@@ -269,6 +270,9 @@ def test_bags_that_rosbag2_has_compressed(tmp_path, bag):
     assert list(read(whole)) == expected
     (whole / 'bag.mcap.zstd').write_bytes(pack(bytes(2 ** 26)))
     with pytest.raises(BagError, match='unpacks to more than 1000 times its size'):
+        topics(whole)
+    (whole / 'bag.mcap.zstd').write_bytes(b'nothing that zstd has written')
+    with pytest.raises(BagError, match='bag.mcap.zstd is damaged'):
         topics(whole)
     each = tmp_path / 'each'
     record(each, [one._replace(cdr=pack(one.cdr)) for one in expected])

@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.camera_info import lens_from
-from pmcl_ros.messages.image import colours_from
+from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.runtime.errors import MessageError
 
 RED, GREEN, BLUE = range(3)
@@ -35,19 +35,42 @@ def picture():
     ('8UC3', [2, 1, 0])])
 @pytest.mark.parametrize('padding', [0, 5])
 def test_colours(picture, encoding, order, padding):
-    found = colours_from(image(encoding, picture[..., order], padding))
+    message = image(encoding, picture[..., order], padding)
+    found = colours_from(message)
     np.testing.assert_array_equal(found, picture)
     assert found.flags.writeable
+    assert not np.shares_memory(found, np.frombuffer(message.data, np.uint8))
 
 
 @pytest.mark.parametrize('big', [False, True])
-def test_sixteen_bits(picture, big):
+@pytest.mark.parametrize('padding', [0, 2, 3])
+def test_sixteen_bits(picture, padding, big):
     deep = picture.astype(np.uint16) * 256 + 7
-    found = colours_from(image('bgr16', deep[..., ::-1], 2, big))
-    assert found.dtype == np.uint16
-    np.testing.assert_array_equal(found, deep)
-    grey = colours_from(image('mono16', deep[..., 0], 0, big))
+    for encoding, order in (('rgb16', 1), ('bgr16', -1)):
+        found = colours_from(image(encoding, deep[..., ::order], padding, big))
+        assert found.dtype == np.uint16
+        np.testing.assert_array_equal(found, deep)
+    grey = colours_from(image('mono16', deep[..., 0], padding, big))
     np.testing.assert_array_equal(grey, np.repeat(deep[..., :1], 3, axis=2))
+
+
+@pytest.mark.parametrize('deep', [False, True])
+def test_compressed_images_keep_their_bits(picture, deep):
+    pixels = picture.astype(np.uint16) * 256 + 7 if deep else picture
+    packed = cv2.imencode('.png', np.ascontiguousarray(pixels[..., ::-1]))[1].tobytes()
+    message = CompressedImage(format='rgb8; png compressed bgr8', data=packed)
+    found = decompressed_from(message)
+    assert found.dtype == pixels.dtype
+    np.testing.assert_array_equal(found, pixels)
+    message.format = 'bayer_rggb8; png compressed '
+    with pytest.raises(MessageError, match='is a mosaic'):
+        decompressed_from(message)
+
+
+def test_compressed_numbers_are_no_picture(picture):
+    packed = cv2.imencode('.tiff', picture.astype(np.float32))[1].tobytes()
+    with pytest.raises(MessageError, match='float32 values, expected 8 or 16 bits'):
+        decompressed_from(CompressedImage(format='tiff', data=packed))
 
 
 @pytest.mark.parametrize('pattern', BAYER)
@@ -59,8 +82,9 @@ def test_bayer_patterns_give_the_colours_their_names_say(pattern, kind):
     np.testing.assert_array_equal(found, np.broadcast_to(colour, (8, 10, 3)))
 
 
-@pytest.mark.parametrize(('encoding', 'order'), [('yuv422', [1, 0, 2, 0]),
-                                                 ('yuv422_yuy2', [0, 1, 0, 2])])
+@pytest.mark.parametrize(('encoding', 'order'), [
+    ('yuv422', [1, 0, 2, 0]), ('uyvy', [1, 0, 2, 0]), ('yuv422_yuy2', [0, 1, 0, 2]),
+    ('yuyv', [0, 1, 0, 2])])
 def test_yuv(encoding, order):
     colour = np.array([180, 90, 60.0])
     # ITU-R BT.601, limited range
@@ -76,6 +100,9 @@ def test_yuv(encoding, order):
 def test_values_that_the_encoding_has_not_are_asked_about(caplog):
     """They may be padding. Once: no other test has such rows."""
     message = image('mono8', np.arange(93, dtype=np.uint8).reshape(1, 93))
+    for message.width in (30, 1):  # rows of another length, and many times as long, are padded
+        colours_from(message)
+    assert not caplog.records
     message.width = 31
     for _ in range(2):
         np.testing.assert_array_equal(colours_from(message)[..., 0], np.arange(31)[None])

@@ -174,6 +174,9 @@ def test_picture_and_its_camera_round_trip(light_field):
     info = wired(pinhole_to_message(HEADER, PINHOLE))
     assert pinhole_from(info) == PINHOLE
     assert info.p[3] == info.p[7] == 0
+    info.k[1] = info.p[1] = 0.5
+    with pytest.raises(MessageError, match='no skew'):
+        pinhole_from(info)
 
 
 def test_volume_round_trip(volume):
@@ -274,6 +277,7 @@ def test_estimate_round_trip(estimate):
     assert header_from(particles.header) == HEADER
     np.testing.assert_allclose(poses_from(particles.poses, 'particles'), estimate.particles,
                                atol=1e-12)
+    assert all(each.orientation.w >= 0 for each in particles.poses)  # one sign of two
 
 
 def test_no_particles_round_trip(estimate):
@@ -327,6 +331,7 @@ def test_full_size_volume_is_fast_to_write_and_read(rng):
     ({'height': 7}, '8x7 pixels'),
     ({'width': 0, 'height': 0, 'step': 0, 'data': array('B')}, 'at least one pixel'),
     ({'data': array('B', bytes(95))}, '95 bytes of data'),
+    ({'data': array('B', bytes(97))}, '97 bytes of data'),
     ({'data': array('B')}, '0 bytes of data'),
 ])
 def test_broken_image_is_refused(raw_frame, change, reason):
@@ -549,9 +554,11 @@ def test_broken_poses_are_refused(estimate):
     messages.particles.poses[3].position.x = float('nan')
     with pytest.raises(MessageError, match='not finite'):
         poses_from(messages.particles.poses, 'particles')
-    messages.with_covariance.pose.covariance[1] = 1e9
-    with pytest.raises(MessageError, match='symmetric'):
-        pose_with_covariance_from(messages.with_covariance)
+    for place, value in ((1, 1e9), (0, float('nan')), (0, float('inf'))):
+        messages.with_covariance.pose.covariance[place] = value
+        with pytest.raises(MessageError, match='not finite and symmetric'):
+            pose_with_covariance_from(messages.with_covariance)
+        messages.with_covariance.pose.covariance[:] = estimate.covariance.ravel()
     messages.with_covariance.pose.covariance[:] = array(
         'd', np.diag([1, 1, 1, 1, 1, -1e-6]).ravel())
     with pytest.raises(MessageError, match='a variance of -1e-06 along one direction'):

@@ -104,6 +104,14 @@ def test_impossible_sigmas_are_refused(column, value, message):
         posed_views_from(*messages)
 
 
+def test_sigmas_beside_each_other_are_refused():
+    messages = posed_views_to_messages(views())
+    sigma = messages.sigma
+    sigma.height, sigma.width, sigma.step = 1, 3, 3 * sigma.step
+    with pytest.raises(MessageError, match='sigma has 3 columns; expected one'):
+        posed_views_from(*messages)
+
+
 def test_sigmas_of_former_bags_are_of_an_object_that_rests():
     given = views()
     messages = posed_views_to_messages(given)
