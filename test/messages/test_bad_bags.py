@@ -272,7 +272,7 @@ def test_bags_that_rosbag2_has_compressed(tmp_path, bag):
     with pytest.raises(BagError, match='unpacks to more than 1000 times its size'):
         topics(whole)
     (whole / 'bag.mcap.zstd').write_bytes(b'nothing that zstd has written')
-    with pytest.raises(BagError, match='bag.mcap.zstd is damaged'):
+    with pytest.raises(BagError, match='zstd is damaged'):
         topics(whole)
     each = tmp_path / 'each'
     record(each, [one._replace(cdr=pack(one.cdr)) for one in expected])

@@ -252,7 +252,7 @@ def test_a_volume_read_from_its_bytes_is_the_same(volume, edges):
         volume_from(message_from(serialize_message(Float32MultiArray()), ARRAY))
 
 
-@pytest.mark.parametrize('frame', ['', 'a;fx=3', 'é/=;'])
+@pytest.mark.parametrize('frame', ['', 'a;fx=3', 'é/=;', ';camera_to_reference=1'])
 def test_any_frame_name_survives_the_labels(volume, frame):
     header = Header(7, frame)
     message = wired(volume_to_message(replace(volume, header=header)))
@@ -469,8 +469,9 @@ def _no_offset(message):
 def test_broken_volume_is_refused(volume, change, reason):
     message = wired(volume_to_message(volume))
     change(message)
-    with pytest.raises(MessageError, match=reason):
+    with pytest.raises(MessageError, match=reason) as caught:
         volume_from(message)
+    assert str(caught.value).count('dlv:') <= 1
 
 
 def test_empty_volume_is_refused():
@@ -520,6 +521,17 @@ def test_a_contour_map_is_no_edge_volume(odds, edges):
     other = map_to_message(odds)
     other.layout.dim[3].label = 'log_odds;components=a0,inside'
     with pytest.raises(MessageError, match='6 components a0,inside, expected a0,c1,s1,c2,s2,ins'):
+        map_from(other)
+    other = map_to_message(odds)
+    rows, *_, components = other.layout.dim
+    rows.size, components.size, components.stride = 2 * rows.size, 3, 3
+    for inner, outer in zip(other.layout.dim[:0:-1], other.layout.dim[-2::-1], strict=True):
+        outer.stride = outer.size * inner.stride
+    with pytest.raises(MessageError, match='3 components a0,c1,s1,c2,s2,inside, expected'):
+        map_from(other)
+    other = map_to_message(odds)
+    other.data[-1] = float('nan')
+    with pytest.raises(MessageError, match=r'dlv/contour_map: .*inside must be finite'):
         map_from(other)
 
 

@@ -198,7 +198,7 @@ def test_edges_are_searched_and_broken_ones_refused(search, user, small_edges):
     broken = edges_to_message(small_edges)
     broken.data[-1] = float('nan')
     publisher.publish(broken)
-    user.wait(lambda: 'dlv/edges: the data hold NaN' in process.log, 'the error')
+    user.wait(lambda: 'dlv/edges: edge volume holds NaN' in process.log, 'the error')
     publisher.publish(edges_to_message(replace(small_edges, header=Header(3))))
     user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')
     assert 'from dlv alone' not in process.log
