@@ -15,7 +15,7 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 
 SQUARE = 8  # cells, the side of a square: in each the best place of a template is told
 BLOCK = 4  # cells, the side of places that share a bound; half of a square
-MARGIN = SQUARE + BLOCK  # cells that maps have to hold beyond the last place
+MARGIN = BLOCK - 1  # cells that maps have to hold beyond the last that a template reaches
 
 
 def blocks_of(maps: NDArray[np.int16], rows: tuple[int, int] = (0, 0),

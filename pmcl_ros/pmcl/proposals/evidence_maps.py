@@ -66,10 +66,9 @@ class PaddedMaps:
         Bounds of all that lies between the reached blocks of a row are summed too.
         """
         row, column = int(origins.rows[0]) + self.top, int(origins.columns[0]) + self.left
-        beyond = origins.reach + 1 + MARGIN
-        above, before = (max(first - origins.reach, 0) // BLOCK for first in (row, column))
-        below = -(-(row + len(origins.rows) + beyond) // BLOCK)
-        after = -(-(column + len(origins.columns) + beyond) // BLOCK)
+        above, before = ((first - origins.reach) // BLOCK for first in (row, column))
+        below = -(-(row + len(origins.rows) + origins.reach) // BLOCK)
+        after = -(-(column + len(origins.columns) + origins.reach) // BLOCK)
         part = self.blocks[..., above:below, before:after]
         return np.ascontiguousarray(part), row - BLOCK * above, column - BLOCK * before
 

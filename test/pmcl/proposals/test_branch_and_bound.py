@@ -11,6 +11,7 @@ from pmcl_ros.pmcl.proposals.branch_and_bound import (
     strips_of,
     upper_bounds,
 )
+from pmcl_ros.pmcl.proposals.evidence_maps import Origins, PaddedMaps
 
 TEMPLATES, POINTS, REACH = 7, 12, 9
 
@@ -79,6 +80,26 @@ def test_around_the_maps_nothing_speaks_either_way(first):
         np.testing.assert_array_equal(place, wanted[1])
     np.testing.assert_array_equal(blocks_of(maps, (around, around), (around, around)),
                                   blocks_of(padded))
+
+
+@pytest.mark.parametrize('first', [(-20, -31), (-9, 3), (2, -12), (8, 6), (30, 28)], ids=str)
+@pytest.mark.parametrize('others', [False, True])
+def test_bounds_about_cells_are_those_with_room_all_around(first, others):
+    """Whether the maps are of these cells alone, or of those of other depths too."""
+    rng = np.random.default_rng(1)
+    maps, around = rng.integers(-255, 511, (5, 14, 19)).astype(np.int16), 150
+    offsets = rng.integers(-REACH, REACH + 1, (TEMPLATES, POINTS, 2)).astype(np.int32)
+    directions = rng.integers(0, 5, (TEMPLATES, POINTS)).astype(np.uint8)
+    (top, left), rows, columns = first, 17, 22
+    cells = Origins(0.4, 1.0, REACH, np.arange(top, top + rows), np.arange(left, left + columns))
+    wider = Origins(0.3, 1.3, REACH + 4, np.arange(-40, 50), np.arange(-40, 60))
+    padded = PaddedMaps.around(maps, [wider, cells] if others else [cells])
+    blocks, row, column = padded.blocks_about(cells)
+    found, wanted = np.zeros((2, TEMPLATES, 9), np.int16)
+    upper_bounds(blocks, offsets, directions, row, column, rows, columns, found)
+    room = blocks_of(maps, (around, around), (around, around))
+    upper_bounds(room, offsets, directions, top + around, left + around, rows, columns, wanted)
+    np.testing.assert_array_equal(found, wanted)
 
 
 def test_no_place_is_better_than_its_bound(problem):
