@@ -22,6 +22,7 @@ from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.multi_view.view_warnings import (
     warn_of_disagreement,
     warn_of_errors,
+    warn_of_exchange,
     warn_of_region,
     warn_of_scale,
     warn_of_unused,
@@ -43,6 +44,7 @@ from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
+_FEW = 2  # views that can agree on a wrong pose: a third one would contradict it
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,10 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, used = second_hypothesis(evidence, first, lambda views: self._localized(
                 views, rng, ending, replace(request, also=first.modes)))
+        if (self._numbers is None and not found.estimate.lost and len(found.fits) <= _FEW
+                and warn_of_exchange(evidence)):
+            found = replace(first, estimate=replace(first.estimate, lost=True))
+            used = evidence
         return self._told(evidence, len(first.fits), found, used)
 
     def localize_near(self, evidence: ViewsEvidence, rng: np.random.Generator,

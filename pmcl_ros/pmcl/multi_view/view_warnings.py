@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.lightfield.exchanged_pictures import exchanged_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
@@ -71,6 +72,20 @@ def _looked_at(cameras: NDArray[np.float64]) -> tuple[NDArray[np.float64], float
         return None
     off = np.einsum('nij,nj->ni', across, meet - places)
     return meet, float(np.sqrt(np.square(off).sum(axis=1).mean()))
+
+
+def warn_of_exchange(evidence: ViewsEvidence) -> bool:
+    """Warn where what is around an object tells that two pictures were exchanged; it is then lost.
+
+    Returns whether it did.
+    """
+    pictures = evidence.pictures
+    exchanged = None if pictures is None else exchanged_pictures(pictures)
+    if exchanged is None:
+        return False
+    _LOG.warning('lost: what is around the object fits the camera poses only if those of views %d '
+                 'and %d are exchanged; is each picture with its own pose?', *exchanged)
+    return True
 
 
 def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:

@@ -603,6 +603,27 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
     assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
+def test_two_pictures_that_were_exchanged_show_no_object(context, caplog):
+    """Upright, it looks alike in both; of cameras at one height, rays meet at a wrong place."""
+    upright, cameras = Rotation.from_euler('x', 90, degrees=True), around([-14, 14])
+    truth = pose_of(upright, np.add(MIDDLE, (0, 0.005, -0.004)))
+    told = cameras[::-1]
+    evidence = seen_by_others(maps_seen(context, CUP, truth, cameras), told,
+                              views_of_planes(cameras, told))
+    blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    claimed = found(CUP, blind)
+    assert not claimed.lost
+    assert error(CUP, claimed.pose, truth)[0] > 5  # it is mirrored in depth at the middle
+    assert CUP.symmetry.credible_level(truth, claimed.pose, claimed.covariance) > 0.99
+    caplog.clear()
+    assert found(CUP, evidence).lost
+    assert 'those of views 0 and 1 are exchanged; is each picture with its own' in caplog.text
+    caplog.clear()
+    right = seen_by_others(evidence, cameras, views_of_planes(cameras))
+    assert not found(CUP, right).lost
+    assert not caplog.text
+
+
 @pytest.mark.parametrize(('model', 'scale', 'is_lost'), [
     (CUP, 1, False), (BRACKET, 1, False), (CUP, 0.985, False), (BRACKET, 1.015, False),
     (CUP, 0.96, True), (BRACKET, 1.04, True)])

@@ -1,0 +1,62 @@
+"""Pictures that were exchanged: told by what they show around the object, and by nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from textured_planes import views_of_planes
+
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.exchanged_pictures import exchanged_pictures
+from pmcl_ros.lightfield.posed_view import PosedViews
+
+MIDDLE = np.array([0, 0, 0.6])
+
+
+def around(angles):
+    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
+    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
+    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
+    cameras[:, :3, :3] = turns
+    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
+    return cameras
+
+
+def off(cameras, seed):
+    """Poses (n, 4, 4) as those of a good arm: off by 1 mm and 0.2 degrees on each axis."""
+    errors = np.random.default_rng(seed).normal(size=(len(cameras), 6))
+    return cameras @ retract(np.tile(np.eye(4), (len(cameras), 1, 1)),
+                             errors * np.repeat([0.001, 0.0035], 3))
+
+
+def exchanged(views, one, other):
+    """The views with two of their pictures exchanged."""
+    made = list(views)
+    made[one] = replace(views[one], picture=views[other].picture)
+    made[other] = replace(views[other], picture=views[one].picture)
+    return PosedViews(tuple(made))
+
+
+@pytest.mark.parametrize('angles', [[-10, 10], [-20, 0, 20], [-24, -12, 0, 12, 24]])
+@pytest.mark.parametrize('exact', [True, False])
+def test_they_are_told_and_others_are_not(angles, exact):
+    cameras = around(angles)
+    views = views_of_planes(cameras, None if exact else off(cameras, 0))
+    assert exchanged_pictures(PosedViews(tuple(views))) is None
+    for one in range(len(views) - 1):
+        assert exchanged_pictures(exchanged(views, one, one + 1)) == (one, one + 1)
+
+
+def test_a_camera_that_is_far_off_is_no_exchange():
+    cameras = around([-20, 0, 20])
+    told = cameras.copy()
+    told[1] = told[1] @ retract(np.eye(4)[None], np.array([[0.02, 0.01, 0, 0.05, 0.05, 0]]))[0]
+    assert exchanged_pictures(PosedViews(tuple(views_of_planes(cameras, told)))) is None
+
+
+@pytest.mark.parametrize('views', [
+    views_of_planes(around([0])), views_of_planes(around([-10, 10]), contrast=0)],
+    ids=['one', 'without texture'])
+def test_without_matches_nothing_is_told(views):
+    assert exchanged_pictures(PosedViews(tuple(views))) is None
