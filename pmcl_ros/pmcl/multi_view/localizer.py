@@ -103,7 +103,7 @@ class MultiViewLocalizer(Closing):
             found, used = second_hypothesis(evidence, first, lambda views: self._localized(
                 views, rng, ending, replace(request, also=first.modes)))
         if (self._numbers is None and not found.estimate.lost and len(found.fits) <= _FEW
-                and warn_of_exchange(evidence)):
+                and len(evidence.views) > 1 and warn_of_exchange(evidence)):
             found = replace(first, estimate=replace(first.estimate, lost=True))
             used = evidence
         return self._told(evidence, len(first.fits), found, used)
