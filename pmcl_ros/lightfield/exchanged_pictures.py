@@ -16,6 +16,7 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 
 _ODDS = 1000.0  # to one that no two pictures were exchanged
 _SEEN = 5  # of the six unknowns of a relative pose: matches do not see its scale
+_GOOD = 0.25  # of what `PairFit` allows: a standard deviation of a good arm's poses
 _NEAR = 4  # views apart in the list: `pair_fits` matches no others
 
 
@@ -40,7 +41,8 @@ def exchanged_pictures(pictures: PosedViews) -> tuple[int, int] | None:
     best = int(likely.argmax())
     if likely[best] - likely[0] <= np.log(_ODDS * len(tried)):
         return None
-    fits = all(each.distances[best] <= each.allowed for each in pairs)
+    # A pattern that repeats matches wrongly: it fits neither poses, nor others well.
+    fits = all(each.distances[best] <= _GOOD * each.allowed for each in pairs)
     return tried[best - 1] if fits else None
 
 
