@@ -64,7 +64,7 @@ def test_without_matches_nothing_is_told(views):
 
 def test_what_fits_exchanged_poses_badly_is_not_told():
     # As the wrong matches of a pattern that repeats, which fit neither.
-    cameras = around([-10, 10])
+    cameras = around([-16, 16])
     seen = cameras[::-1].copy()
     seen[1] = seen[1] @ retract(np.eye(4)[None], np.array([[0, 0, 0, 0.012, 0, 0]]))[0]
     assert exchanged_pictures(PosedViews(tuple(views_of_planes(seen, cameras)))) is None
