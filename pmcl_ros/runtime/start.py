@@ -56,4 +56,7 @@ def start(name: str) -> int | None:
 
 
 if __name__ == '__main__':  # with the name of the entry point before its arguments
+    if len(sys.argv) < 2 or sys.argv[1] not in MODULES:
+        sys.exit(f'expected one of {", ".join(MODULES)}, and then its arguments; given: '
+                 f'{" ".join(sys.argv[1:]) or "nothing"}')
     sys.exit(start(sys.argv.pop(1)))

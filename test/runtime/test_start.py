@@ -169,3 +169,20 @@ def test_an_interrupt_among_the_imports_ends_without_a_trace(tmp_path):
              f'from pmcl_ros.runtime.start import start\nsys.exit(start({name!r}))'],
             capture_output=True, text=True, check=False, cwd=ROOT)
         assert (done.returncode, done.stderr) == (130, '')
+
+
+@pytest.mark.parametrize('words', [[], ['dlv_nod', '--ros-args']])
+def test_a_name_that_is_no_entry_point_is_told_in_one_line(words):
+    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.runtime.start', *words],
+                          capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 1
+    told, = done.stderr.splitlines()
+    assert told.startswith('expected one of lytro_driver, subaperture_node, ')
+    assert told.endswith(f'given: {" ".join(words) or "nothing"}')
+
+
+def test_an_entry_point_is_started_by_its_name():
+    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.runtime.start', 'pmcl', '--help'],
+                          capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert 'calibrate-camera' in done.stdout
