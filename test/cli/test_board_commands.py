@@ -25,8 +25,9 @@ LARGE, SMALL = Checkerboard(10, 7, 0.02), Checkerboard(6, 5, 0.012)
 
 
 def test_a_board_is_drawn_in_its_true_size(tmp_path):
-    pmcl('board', '--corners', '10x7', '--square', 0.02, '-o', tmp_path / 'board.svg')
-    drawn = ElementTree.parse(tmp_path / 'board.svg').getroot()
+    out = tmp_path / 'made' / 'board.svg'
+    pmcl('board', '--corners', '10x7', '--square', 0.02, '-o', out)
+    drawn = ElementTree.parse(out).getroot()
     assert (drawn.get('width'), drawn.get('height')) == ('260mm', '200mm')
     picture = np.full((400, 520), 255, np.uint8)  # half a millimetre a pixel
     for each in drawn:
@@ -37,6 +38,9 @@ def test_a_board_is_drawn_in_its_true_size(tmp_path):
     assert corners == pytest.approx(2e3 * (LARGE.points[:, :2] + 0.04) - 0.5, abs=0.05)
     done = pmcl('board', '--corners', '9x7', '--square', 0.02, '-o', tmp_path / 'b.svg', status=1)
     assert 'looks the same upside down' in done.stderr
+    done = pmcl('board', '--corners', '10x7', '--square', 0.02, '-o', tmp_path / 'b.png', status=2)
+    assert 'give the name of an SVG' in done.stderr
+    assert not (tmp_path / 'b.png').exists()
 
 
 @pytest.fixture(scope='module')
@@ -51,12 +55,13 @@ def boards(tmp_path_factory):
                                 PINHOLE)
         cv2.imwrite(str(folder / f'{number}.png'), seen)
     cv2.imwrite(str(folder / 'wall.jpg'), np.full((300, 400), 90, np.uint8))
+    (folder / '._0.png').write_bytes(b'a note of macOS about 0.png')
     return folder
 
 
 @pytest.fixture(scope='module')
 def camera(boards, tmp_path_factory):
-    out = tmp_path_factory.mktemp('camera') / 'phone.yaml'
+    out = tmp_path_factory.mktemp('camera') / 'made' / 'phone.yaml'
     done = pmcl('calibrate-camera', boards, '--corners', '10x7', '--square', 0.02, '-o', out)
     assert 'wall.jpg: no complete board' in done.stderr
     assert done.stdout.count('.png: corners 0.') == 9
@@ -143,12 +148,17 @@ def test_a_folder_of_other_pictures_is_refused(boards, camera, tmp_path):
                           ('board-poses', ('--camera', camera))):
         done = pmcl(command, tmp_path, '--corners', '10x7', '--square', 0.02, *more, status=1)
         assert 'has no pictures (.png, .jpg' in done.stderr
+        done = pmcl(command, camera, '--corners', '10x7', '--square', 0.02, *more, status=1)
+        assert f'{camera} is a file: give the folder of the pictures' in done.stderr
     for number, size in enumerate([(300, 400), (240, 320)]):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full(size, 90, np.uint8))
     done = pmcl('calibrate-camera', tmp_path, '--corners', '10x7', '--square', 0.02, '-o',
                 tmp_path / 'c.yaml', status=1)
-    assert '1.png has 320x240 px, 0.png 400x300: all must have one size' in done.stderr.replace(
-        '\n', '')
+    assert '1.png has 320x240 px, 0.png 400x300: all must have one size' in done.stderr
+    assert 'no complete board' not in done.stderr  # it is told before any is searched
+    done = pmcl('calibrate-camera', boards, '--corners', '10x7', '--square', 0.02, '-o',
+                tmp_path / 'c.json', status=2)
+    assert 'give the name of a camera YAML' in done.stderr
     done = pmcl('calibrate-camera', boards, '--corners', '9x8', '--square', 0.02, '-o',
                 tmp_path / 'c.yaml', status=1)
     assert '0 pictures show a complete board; a calibration needs 5' in done.stderr

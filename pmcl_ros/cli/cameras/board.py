@@ -28,8 +28,6 @@ _PICTURES = Needed('It is a folder of PNG, JPEG, TIFF, ...: docs/howto/board.md'
 _CORNERS = click.option('--corners', required=True, metavar='COLUMNSxROWS', help='Inner corners '
                         'of the checkerboard, as 10x7; one number odd, the other even.')
 _SQUARE = click.option('--square', required=True, type=float, help='Side of its squares [m].')
-
-
 _OUT = click.Path(dir_okay=False, path_type=Path)
 
 
@@ -43,7 +41,10 @@ def board(corners: str, square: float, out: Path, force: bool) -> None:
 
     Print it at 100 %, measure its squares, and glue it on something flat.
     """
+    if out.suffix.lower() != '.svg':
+        raise click.UsageError(f'-o {out}: give the name of an SVG, as board.svg')
     refuse_existing([out], force)
+    out.parent.mkdir(parents=True, exist_ok=True)
     _write(out, Checkerboard.parse(corners, square).svg)
 
 
@@ -61,9 +62,12 @@ def calibrate_camera(pictures: Path, corners: str, square: float, out: Path, for
     another way in each, near the borders too. Pictures without the complete board are named and
     left out.
     """
+    if out.suffix.lower() not in ('.yaml', '.yml'):
+        raise click.UsageError(f'-o {out}: give the name of a camera YAML, as camera.yaml')
     refuse_existing([out], force)
     checkerboard, files = Checkerboard.parse(corners, square), _files(pictures)
-    width, height = picture_size(files[0])
+    width, height = _size(files)
+    out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
     found = fit_intrinsics(dict(_seen(files, checkerboard, (width, height))), checkerboard.points,
                            width, height)
     pinhole = found.pinhole
@@ -144,10 +148,24 @@ def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.floa
 
 def _files(folder: Path) -> list[Path]:
     """The pictures of a folder, by name."""
-    found = sorted(each for each in folder.iterdir() if each.suffix.lower() in PICTURE_SUFFIXES)
+    if not folder.is_dir():
+        raise LightFieldError(f'{folder} is a file: give the folder of the pictures')
+    # Hidden ones are notes about pictures (`._IMG_0001.jpg` of macOS), not pictures.
+    found = sorted(each for each in folder.iterdir() if each.suffix.lower() in PICTURE_SUFFIXES
+                   and not each.name.startswith('.'))
     if not found:
         raise LightFieldError(f'{folder} has no pictures ({", ".join(PICTURE_SUFFIXES)})')
     return found
+
+
+def _size(files: list[Path]) -> tuple[int, int]:
+    """(width, height) [px] that all of the pictures have, by their headers."""
+    sizes = [picture_size(each) for each in files]
+    for file, (width, height) in zip(files, sizes, strict=True):
+        if (width, height) != sizes[0]:
+            raise LightFieldError(f'{file} has {width}x{height} px, {files[0].name} '
+                                  f'{sizes[0][0]}x{sizes[0][1]}: all must have one size')
+    return sizes[0]
 
 
 def _reduction(width: int, height: int) -> Reduction:
@@ -160,9 +178,6 @@ def _seen(files: list[Path], checkerboard: Checkerboard, size: tuple[int, int]
     reduction = _reduction(*size)
     for file in track(files, console=STDERR, description='boards', transient=True):
         picture = encoded(read_picture(file), GAMMA)
-        if picture.shape[1::-1] != size:
-            raise LightFieldError(f'{file} has {picture.shape[1]}x{picture.shape[0]} px, '
-                                  f'{files[0].name} {size[0]}x{size[1]}: all must have one size')
         grey = np.rint(255 * reduction.shrunk(picture).mean(axis=2)).astype(np.uint8)
         corners = checkerboard.seen(grey)
         if corners is None:
