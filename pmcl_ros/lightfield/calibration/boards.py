@@ -22,6 +22,7 @@ _COARSE = np.arange(-2.0, 1.51, 0.5)
 _FINE = np.arange(-2.0, 1.51, 0.05)
 _WINDOW = 0.45  # of a square, to each side: the next corners' edges stay outside
 _UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)  # steps, px
+_DRAWN = 0.1  # px: that corners may be drawn out of line where they are refined
 _AGREEING = 0.9  # least share of corners with correctly alternating squares
 
 
@@ -98,9 +99,21 @@ class Checkerboard:
         # The detector's corners are off together, by up to a tenth of a pixel.
         side = min(np.linalg.norm(np.diff(oriented, axis=axis), axis=-1).min() for axis in (0, 1))
         reach = max(1, int(_WINDOW * side))
-        refined = cv2.cornerSubPix(picture, oriented.reshape(-1, 1, 2).astype(np.float32),
-                                   (reach, reach), (-1, -1), _UNTIL)
-        return np.asarray(refined, float).reshape(-1, 2)
+        detected = oriented.reshape(-1, 2)
+        refined = np.asarray(cv2.cornerSubPix(picture, detected[:, None].astype(np.float32),
+                                              (reach, reach), (-1, -1), _UNTIL), float)[:, 0]
+        # Of small or blurred squares the edges of the next corners draw them apart.
+        is_better = self._out_of_line(refined) - self._out_of_line(detected) < _DRAWN ** 2
+        return refined if is_better else detected
+
+    def _out_of_line(self, corners: NDArray[np.float64]) -> float:
+        """Mean square distance of corners (m, 2) from where a plane's would be [px^2]."""
+        plane = self.points[:, None, :2] / self.square
+        onto, _ = cv2.findHomography(plane, corners)
+        if onto is None:
+            return math.inf
+        off = cv2.perspectiveTransform(plane, onto)[:, 0] - corners
+        return float(np.square(off).sum(axis=1).mean())
 
     @staticmethod
     def _brightness(picture: NDArray[np.uint8], square: NDArray[np.float64]) -> float:

@@ -2,6 +2,7 @@
 
 import functools
 
+import cv2
 import numpy as np
 import pytest
 from board_scene import POSES, frame_of
@@ -133,3 +134,19 @@ def test_corners_in_a_picture_have_no_common_error(side):
         off = board.seen(noisy) - pinhole.project(board.points @ turn.T + place)
         assert np.sqrt(np.square(off).mean()) < 0.08
         assert np.abs(off.mean(axis=0)).max() < 0.02
+
+
+@pytest.mark.parametrize(('tilt', 'blur'), [(65, 2.0), (70, 1.5)])
+def test_small_or_blurred_squares_do_not_draw_corners_apart(tilt, blur):
+    """As from 20 degrees above a table: squares are 7 to 9 px high."""
+    board, pinhole = Checkerboard(10, 7, 0.02), Pinhole(640, 480, 560, 560, 320, 240)
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        turn = Rotation.from_euler('xz', [tilt, rng.uniform(-180, 180)],
+                                   degrees=True).as_matrix()
+        place = np.array([0, 0, 0.5]) - turn @ board.points.mean(axis=0)
+        picture = cv2.GaussianBlur(picture_of_board(board, pose_of(turn, place), pinhole),
+                                   (0, 0), blur)
+        noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+        off = board.seen(noisy) - pinhole.project(board.points @ turn.T + place)
+        assert np.sqrt(np.square(off).sum(axis=1).mean()) < 0.5
