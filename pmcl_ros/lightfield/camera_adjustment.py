@@ -31,7 +31,7 @@ _BEHIND = 2.0  # the same, by which reported rotations may put what is far away 
 _MOST = 150  # matches of a pair of views
 _CAUCHY, _GEMAN_MCCLURE = 12, 8  # iterations of reweighted least squares with their tails
 _STEP = 1e-3  # standard deviations of reported poses, of derivatives
-_NEXT = 4  # views before and after each in the list, of which one is chosen to judge any poses
+NEXT = 4  # views before and after each in the list, of which one is chosen to judge any poses
 _NEIGHBOURS = 3  # views that each view is matched with
 _DISTANCE = 0.5  # m: of what is seen, for the gate
 
@@ -80,7 +80,7 @@ def pair_fits(views: Sequence[PosedView], features: Sequence[Features],
               cameras: Sequence[NDArray[np.float64]]) -> list[PairFit]:
     """How the matches of pairs of views fit cameras, each (n, 4, 4), whatever these are.
 
-    A pair is a view and the one that it has most matches with, of the `_NEXT` before and after
+    A pair is a view and the one that it has most matches with, of the `NEXT` before and after
     it: the very next may show something else where pictures were exchanged. Matches are those that
     one relative pose explains. Where these are less than half, as in a pattern that repeats, or
     fewer than `FEWEST`, the pair is left out.
@@ -266,7 +266,7 @@ def _best_matched(features: Sequence[Features]) -> dict[tuple[int, int], NDArray
     """Matches (m, 2, 3) of pairs of views: each view with the one that shows most of the same."""
     views = range(len(features))
     matched = {(one, other): match_features(features[one], features[other])
-               for one, other in combinations(views, 2) if other - one <= _NEXT}
+               for one, other in combinations(views, 2) if other - one <= NEXT}
     best = {max((pair for pair in matched if view in pair), key=lambda pair: len(matched[pair]))
             for view in views if matched}
     return {pair: matched[pair] for pair in sorted(best)}

@@ -10,14 +10,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.camera_adjustment import PairFit, pair_fits
+from pmcl_ros.lightfield.camera_adjustment import NEXT, PairFit, pair_fits
 from pmcl_ros.lightfield.features import MATCHED, features_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 
 _ODDS = 1000.0  # to one that no two pictures were exchanged
 _SEEN = 5  # of the six unknowns of a relative pose: matches do not see its scale
 _GOOD = 0.25  # of what `PairFit` allows: a standard deviation of a good arm's poses
-_NEAR = 4  # views apart in the list: `pair_fits` matches no others
 
 
 def exchanged_pictures(pictures: PosedViews) -> tuple[int, int] | None:
@@ -28,7 +27,7 @@ def exchanged_pictures(pictures: PosedViews) -> tuple[int, int] | None:
     """
     views = pictures.views
     given = np.array([each.camera_to_reference for each in views])
-    tried = [pair for pair in combinations(range(len(views)), 2) if pair[1] - pair[0] <= _NEAR]
+    tried = [pair for pair in combinations(range(len(views)), 2) if pair[1] - pair[0] <= NEXT]
     cameras = [given]
     for one, other in tried:
         exchanged = given.copy()
