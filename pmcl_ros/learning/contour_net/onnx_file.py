@@ -95,8 +95,8 @@ def read(data: bytes, network: keras.Model) -> None:
     except (DecodeError, ValueError) as error:
         raise SettingsError(f'cannot read the network: {error}') from None
     if not alike:
-        raise SettingsError('it is no network of the form that learn-map trains, or of another '
-                            'width')
+        raise SettingsError('it is no network of the form that learn-map trains, or its '
+                            'layers have another width')
     if not all(np.isfinite(each).all() for each in held.values()):
         raise SettingsError('it has weights that are no finite numbers')
     following = _normalisations(network)
