@@ -1,6 +1,8 @@
 """From pictures of a board to a camera, its poses and an object's pose, as users call commands."""
 
 import json
+import re
+import shutil
 from xml.etree import ElementTree
 
 import cv2
@@ -108,6 +110,7 @@ def test_an_object_is_found_by_a_board_beside_it(placed, camera):
     assert of.reference == 'board'
     assert [each.file for each in of.views] == [each.name for each in exact]
     truth = Truth.load(capture / 'truth.json')
+    assert not done.stderr.strip()  # no line: the focal length is right
     expected = inverse(board) @ truth.pose
     for each, view in zip(of.views, exact, strict=True):
         seen = inverse(np.reshape(each.camera_to_reference, (4, 4))) @ expected[:, 3]
@@ -120,6 +123,19 @@ def test_an_object_is_found_by_a_board_beside_it(placed, camera):
     found = json.loads(next(each for each in done.output.splitlines() if each[:1] == '{'))
     assert not found['lost']
     assert found['position'] == pytest.approx(expected[:3, 3], abs=0.004)
+
+
+def test_another_zoom_is_told(placed, camera, tmp_path):
+    _, pictures, _ = placed
+    for each in pictures.glob('*.png'):
+        shutil.copy(each, tmp_path)
+    other = yaml.safe_load(camera.read_text())
+    other |= {name: 0.8 * other[name] for name in ('fx', 'fy')}
+    (tmp_path / 'other.yaml').write_text(yaml.safe_dump(other))
+    done = pmcl('board-poses', tmp_path, '--camera', tmp_path / 'other.yaml', '--corners', '6x5',
+                '--square', 0.012)
+    told = r'with a focal length that is 2[3-7] % longer \(.*zoom and focus'
+    assert re.search(told, done.stderr)
 
 
 def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, camera, tmp_path):

@@ -15,7 +15,7 @@ from pmcl_ros.cli.cameras.board_pictures import RestingCameras, boards_in
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
-from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
+from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, fit_intrinsics, focal_error
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
@@ -24,6 +24,7 @@ from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes many seconds
+_CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
 _PICTURES = Needed('It is a folder of PNG, JPEG, TIFF, ...: docs/howto/board.md', folder=True)
 _CORNERS = click.option('--corners', required=True, metavar='COLUMNSxROWS', help='Inner corners '
                         'of the checkerboard, as 10x7; one number odd, the other even.')
@@ -110,8 +111,8 @@ def board_poses(pictures: Path, camera: Path, corners: str, square: float, force
         'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
     reduction = _reduction(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
-    views = []
-    for file, seen in boards_in(listed, path, checkerboard, reduction, set()).items():
+    views, boards = [], boards_in(listed, path, checkerboard, reduction, set())
+    for file, seen in boards.items():
         try:
             found = camera_at_board({file: seen}, points, pinhole)
         except LightFieldError as error:
@@ -125,6 +126,12 @@ def board_poses(pictures: Path, camera: Path, corners: str, square: float, force
         raise LightFieldError(
             f'{pictures}: no camera pose by a board of {corners} inner corners in '
             f'{len(listed.views)} pictures: are --corners its numbers, and is all of it in view?')
+    off, sigma = focal_error({str(each['file']): boards[str(each['file'])] for each in views},
+                             points, pinhole)
+    if abs(off) > _CLEAR * np.hypot(sigma, LARGEST_ERROR):
+        click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
+                   f'{"longer" if off > 0 else "shorter"} (standard deviation '
+                   f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
     _write(path, f'# pmcl board-poses {pictures} --camera {camera} --corners {corners} --square '
            f'{square:g}\n' + yaml.safe_dump(
                {'reference': listed.reference, 'cameras': cameras, 'views': views},

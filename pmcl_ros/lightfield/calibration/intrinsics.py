@@ -12,7 +12,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 FEWEST = 5  # pictures: with fewer, noise passes for distortion
 _MOST_PIXELS = 2.0  # rms of the corners of a picture: more is another camera, zoom or focus
-_LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
+LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
 _HALVED = 0.5  # mean square of the others' corners without a picture that does not fit them
 _OWN = slice(6, 14)  # columns of fx, fy, cx, cy, k1, k2, p1, p2 in OpenCV's derivatives
 
@@ -60,12 +60,29 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
             f'{found.names[worst]}: the corners are {found.pixels[worst]:.1f} px off: are all '
             'pictures of one camera, with the same zoom and focus?')
     unsure = float(found.sigma[0] / found.pinhole.fx)
-    if not unsure < _LARGEST_ERROR:
+    if not unsure < LARGEST_ERROR:
         raise LightFieldError(
-            f'the focal length is known to {100 * unsure:.1f} % only, {100 * _LARGEST_ERROR:g} % '
+            f'the focal length is known to {100 * unsure:.1f} % only, {100 * LARGEST_ERROR:g} % '
             'are needed: tilt the board by 20 to 40 degrees, another way in each picture, and '
             'bring it nearer')
     return replace(found, left_out=tuple(left_out))
+
+
+def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
+                pinhole: Pinhole) -> tuple[float, float]:
+    """By which share the focal length is longer where boards fit best, and its deviation.
+
+    pictures: by name, (m, 2) corners of a board that a camera of this pinhole sees [px]. board:
+    (m, 3) its corners [m]. The standard deviation is that by the corners alone.
+    Raises LightFieldError where the corners are those of no board.
+    """
+    alone = (cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO
+             | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1
+             | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3)
+    onto = np.zeros((_OWN.stop, 1))
+    onto[_OWN.start:_OWN.start + 2, 0] = pinhole.fx, pinhole.fy
+    matrix, _, _, covariance = _fit(pictures, board, pinhole, alone, onto)
+    return float(matrix[0, 0] / pinhole.fx) - 1, float(np.sqrt(covariance[0, 0]))
 
 
 def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
@@ -73,16 +90,31 @@ def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures show a complete board; a calibration '
                               f'needs {FEWEST}, better 15: are --corners those of the board?')
+    unknown = Pinhole(width, height, 1, 1, 0, 0)
+    matrix, distortion, pixels, covariance = _fit(
+        pictures, board, unknown, cv2.CALIB_FIX_K3, np.eye(_OWN.stop)[:, _OWN])
+    values = (float(each) for each in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]))
+    return Intrinsics(Pinhole(width, height, *values), tuple(distortion[:4].tolist()),
+                      np.sqrt(np.diag(covariance)), tuple(pictures), pixels)
+
+
+def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], start: Pinhole,
+         flags: int, onto: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Matrix (3, 3), distortion (5,), rms distances (n,) of corners [px], covariance (k, k).
+
+    flags: of OpenCV's calibrateCamera. onto: (14, k) derivatives of its unknowns, as projectPoints
+    lists them, by those of which the covariance is.
+    """
     try:
         _, matrix, distortion, turns, places = cv2.calibrateCamera(
             [board.astype(np.float32)] * len(pictures),
-            [each.astype(np.float32) for each in pictures.values()], (width, height), np.eye(3),
-            np.zeros(5), flags=cv2.CALIB_FIX_K3)
-        pixels, information = [], np.zeros((8, 8))
+            [each.astype(np.float32) for each in pictures.values()], (start.width, start.height),
+            start.matrix.copy(), np.zeros(5), flags=flags)
+        pixels, information = [], np.zeros((onto.shape[1],) * 2)
         for seen, turn, place in zip(pictures.values(), turns, places, strict=True):
             expected, slopes = cv2.projectPoints(board, turn, place, matrix, distortion)
             pixels.append(np.sqrt(np.square(expected[:, 0] - seen).sum(axis=1).mean()))
-            own, pose = slopes[:, _OWN], slopes[:, :6]
+            own, pose = slopes[:, :len(onto)] @ onto, slopes[:, :6]
             information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
         covariance = np.linalg.inv(information)
     except (cv2.error, np.linalg.LinAlgError) as error:
@@ -90,7 +122,5 @@ def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float
                               '--square those of the board?'.replace('\n', ' ')) from None
     square = float(np.square(pixels).sum() * len(board))
     variance = square / ((2 * len(board) - 6) * len(pixels) - len(covariance))
-    values = (float(each) for each in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]))
-    return Intrinsics(Pinhole(width, height, *values), tuple(np.ravel(distortion)[:4].tolist()),
-                      np.sqrt(variance * np.diag(covariance)), tuple(pictures),
-                      np.array(pixels))
+    return (np.asarray(matrix, float), np.asarray(distortion, float).ravel(),
+            np.array(pixels, float), np.asarray(variance * covariance, float))

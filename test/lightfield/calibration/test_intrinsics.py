@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics
+from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics, focal_error
 from pmcl_ros.runtime.errors import LightFieldError
 
 BOARD = Checkerboard(10, 7, 0.02)
@@ -68,6 +69,21 @@ def test_boards_that_are_not_tilted_do_not_tell_the_focal_length():
     for tilt in (0.5, 2.0):
         with pytest.raises(LightFieldError, match=r'known to \d.* % only.*tilt the board'):
             fit_intrinsics(seen(np.random.default_rng(4), 10, tilt=tilt), BOARD.points, *SIZE)
+
+
+@pytest.mark.parametrize('count', [1, 3])
+def test_a_focal_length_is_checked(count):
+    fx, fy, cx, cy = TRUTH[:4]
+    rng, undistorted, found = np.random.default_rng(6), TRUTH * [1, 1, 1, 1, 0, 0, 0, 0], []
+    for _ in range(60):
+        pictures = seen(rng, count, values=undistorted)
+        errors, sigmas = zip(*(focal_error(pictures, BOARD.points, Pinhole(
+            *SIZE, fx * zoom, fy * zoom, cx, cy)) for zoom in (1.0, 0.8)), strict=True)
+        assert errors[1] == pytest.approx((1 + errors[0]) / 0.8 - 1, abs=1e-3)
+        assert sigmas[1] == pytest.approx(sigmas[0] / 0.8, rel=1e-2)
+        found.append(errors[0] / sigmas[0])
+    # Means of 60 squares have a standard deviation of 0.18.
+    assert np.square(found).mean() == pytest.approx(1, abs=0.6)
 
 
 def test_few_pictures_and_corners_of_no_board_are_refused():
