@@ -1,7 +1,7 @@
 """What the log says of posed views that do not see the region of interest, or do not agree."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,14 +74,14 @@ def _looked_at(cameras: NDArray[np.float64]) -> tuple[NDArray[np.float64], float
     return meet, float(np.sqrt(np.square(off).sum(axis=1).mean()))
 
 
-def warn_of_exchange(evidence: ViewsEvidence) -> bool:
+def warn_of_exchange(evidence: ViewsEvidence, among: Collection[int]) -> bool:
     """Warn where what is around an object tells that two pictures were exchanged; it is then lost.
 
-    Returns whether it did.
+    Returns whether it did. among: numbers of the views that both pictures must be of.
     """
     pictures = evidence.pictures
     exchanged = None if pictures is None else exchanged_pictures(pictures)
-    if exchanged is None:
+    if exchanged is None or not set(exchanged) <= set(among):
         return False
     _LOG.warning('lost: what is around the object fits the camera poses only if those of views %d '
                  'and %d are exchanged; is each picture with its own pose?', *exchanged)

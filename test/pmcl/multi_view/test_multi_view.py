@@ -657,6 +657,39 @@ def test_a_scale_moves_cameras_from_a_place():
     np.testing.assert_array_equal(scaled.root[..., :2], known.root)
 
 
+@pytest.mark.parametrize('angles', [[-28, 0, 28], [-28, -14, 0, 14, 28]], ids=['3', '5'])
+def test_exchanged_pictures_at_both_ends_show_no_object(context, caplog, angles):
+    """The view from the middle agrees with them; two more that show nothing do not contradict."""
+    upright, cameras = Rotation.from_euler('x', 90, degrees=True), around(angles)
+    truth = pose_of(upright, np.add(MIDDLE, (0, 0.005, -0.004)))
+    told = cameras[[-1, *range(1, len(angles) - 1), 0]]
+    evidence = seen_by_others(maps_seen(context, CUP, truth, cameras), told,
+                              views_of_planes(cameras, told))
+    nothing = map_seen(np.zeros((4 * COARSE.height, 4 * COARSE.width), bool), COARSE, 0.3, 0.6, 4)
+    evidence = replace(evidence, views=tuple(
+        replace(each, evidence=nothing) if abs(angle) == 14 else each
+        for each, angle in zip(evidence.views, angles, strict=True)))
+    blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    claimed = found(CUP, blind)
+    assert not claimed.lost
+    assert error(CUP, claimed.pose, truth)[0] > 5
+    caplog.clear()
+    assert found(CUP, evidence).lost
+    assert f'those of views 0 and {len(angles) - 1} are exchanged; is each' in caplog.text
+
+
+def test_an_exchange_is_no_matter_where_the_others_show_the_object(context, caplog):
+    truth, cameras = truth_of(CUP), around([-28, -14, 0, 14, 28])
+    told = cameras[[0, 2, 1, 3, 4]]
+    evidence = seen_by_others(maps_seen(context, CUP, truth, cameras), told,
+                              views_of_planes(cameras, told))
+    by_others = found(CUP, evidence)
+    assert not by_others.lost
+    assert by_others.hidden == (1, 2)
+    assert error(CUP, by_others.pose, truth)[0] < 1.5
+    assert 'are exchanged' not in caplog.text
+
+
 def test_a_region_beside_what_the_cameras_look_at_is_asked_for(context, caplog):
     evidence = maps_seen(context, CUP, truth_of(CUP), around([-20, 0, 20]), CAMERA)
     assert found(CUP, evidence, settings((*MIDDLE[:2], 0.57), (0.1, 0.1, 0.1))).lost
