@@ -44,6 +44,7 @@ from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
+from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_pictures
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.prior.odd_poses import check_poses, check_size
@@ -339,4 +340,8 @@ class Pipeline(Closing, Generic[Estimate]):
         options = {} if watch is None else {'watch': watch}
         estimate = self.localizer.localize(evidence, rng, show, **options)
         finished('pose')
+        if (isinstance(source, PosedView) and isinstance(estimate, PoseEstimate)
+                and estimate.lost):
+            warn_of_pictures((source,), windows_of(source, self._settings, self._model.radius),
+                             self._settings.roi_center)
         return Run(source, settings, evidence, volume, estimate, seconds)

@@ -4,6 +4,7 @@ A volume is made only where one is asked for.
 """
 
 import logging
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -326,3 +327,17 @@ def test_a_covered_lens_is_told(caplog, kind):
         caplog.clear()
         build_evidence(LightField(given.header, views, given.grid), settings, 'default', kind)
         assert ('a picture is of one colour: is the lens covered' in caplog.text) == dark
+
+
+@pytest.mark.parametrize(('light', 'fault'), [
+    (1.0, None), (100.0, 'are white: expose it less'),
+    (1e-3, r'are below \d % of white: expose it more')])
+def test_an_unusable_picture_is_told_where_the_object_is_lost(caplog, light, fault):
+    given = picture()
+    encoded = (light * given.linear()).clip(0, 1) ** np.float32(1 / GAMMA)
+    found, _, _ = run('default', lambda: replace(given, picture=encoded))
+    assert found.estimate.lost
+    lines = [each for each in caplog.messages if 'that can show the object' in each]
+    assert len(lines) == (fault is not None)
+    assert all(re.fullmatch(f'lost, and \\d+ % of the pixels of the picture that can show the '
+                            f'object {fault}', each) for each in lines)

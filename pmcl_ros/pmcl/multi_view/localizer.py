@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
@@ -23,16 +24,19 @@ from pmcl_ros.pmcl.multi_view.view_warnings import (
     warn_of_disagreement,
     warn_of_errors,
     warn_of_exchange,
+    warn_of_pictures,
     warn_of_region,
     warn_of_scale,
     warn_of_unused,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
+from pmcl_ros.pmcl.prior.region import regions_before
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Stages
@@ -129,19 +133,31 @@ class MultiViewLocalizer(Closing):
 
         seen: views of the evidence that see the region. used: evidence that it was found in.
         """
-        lost = found.estimate.lost
+        lost, pictures = found.estimate.lost, evidence.pictures
+        windows = self._windows(pictures) if lost and pictures is not None else {}
+        seen = max(seen, len(windows))  # a picture of one colour sees it too
         told = warn_of_unused(evidence, self._settings.roi_center, seen, lost)
         if self._numbers is not None:  # they are being learned
             return found.estimate
         if lost and not told:
             warn_of_region(evidence, self._settings.roi_center, self._settings.roi_size,
                            self.model.radius)
+        if windows and pictures is not None:
+            warn_of_pictures(pictures.views, windows, self._settings.roi_center)
         warn_of_disagreement(found.fits, found.estimate.least_evidence)
         if not lost:
             warn_of_errors(found.understated)
             if found.estimate.camera_scale is not None:
                 warn_of_scale(found.estimate.camera_scale)
         return with_surface(found.estimate, used, self.model, self._settings)
+
+    def _windows(self, pictures: PosedViews) -> dict[int, Window]:
+        """What the object can cover of each picture that sees the region, by its number."""
+        cameras = [(each.pinhole, each.camera_to_reference) for each in pictures.views]
+        seen = regions_before(cameras, self._settings, self.model.radius,
+                              pictures.header.frame_id)
+        return {number: region.window(cameras[number][0], self.model.radius)
+                for number, region in seen.items()}
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
                  ) -> dict[int, ContourPoints]:

@@ -1,16 +1,19 @@
 """What the log says of posed views that do not see the region of interest, or do not agree."""
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.exchanged_pictures import exchanged_pictures
+from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
+from pmcl_ros.pmcl.render.scene import Window
 
 _LOG = logging.getLogger(__name__)
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
@@ -72,6 +75,18 @@ def _looked_at(cameras: NDArray[np.float64]) -> tuple[NDArray[np.float64], float
         return None
     off = np.einsum('nij,nj->ni', across, meet - places)
     return meet, float(np.sqrt(np.square(off).sum(axis=1).mean()))
+
+
+def warn_of_pictures(views: Sequence[PosedView], windows: Mapping[int, Window],
+                     center: tuple[float, float, float]) -> None:
+    """Warn of the pictures of a lost object that are clearly unusable.
+
+    windows: that can show it, by the numbers of the views. center: of the region of interest, in
+    the reference frame [m].
+    """
+    parts = {number: (each.left, each.top, *each.size) for number, each in windows.items()}
+    for each in unusable_pictures(views, parts, np.array(center)):
+        _LOG.warning('lost, and %s', each)
 
 
 def warn_of_exchange(evidence: ViewsEvidence, among: Collection[int]) -> bool:

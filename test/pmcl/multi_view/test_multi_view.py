@@ -5,6 +5,7 @@ import logging
 import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
@@ -688,6 +689,31 @@ def test_an_exchange_is_no_matter_where_the_others_show_the_object(context, capl
     assert by_others.hidden == (1, 2)
     assert error(CUP, by_others.pose, truth)[0] < 1.5
     assert 'are exchanged' not in caplog.text
+
+
+def test_unusable_pictures_are_told_where_the_object_is_lost(context, caplog):
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    good = views_of_planes(cameras)
+    soft = cv2.GaussianBlur(good[1].picture, (0, 0), 3)
+    cases = [(good[1].picture, None), (soft, 'view 1 is blurred: '),
+             (good[2].picture, 'view 1 and view 2 show the same, '),
+             (np.ones_like(soft), '100 % of the pixels of view 1 that can show the object are ')]
+    shown = maps_seen(context, CUP, truth, cameras)
+    for picture, told in cases:
+        evidence = seen_by_others(shown, cameras, [
+            good[0], replace(good[1], picture=picture), good[2]])
+        caplog.clear()
+        assert found(BRACKET, evidence).lost
+        lines = [each for each in caplog.messages if each.startswith(('lost, and view',
+                                                                      'lost, and 100 %'))]
+        if told is None:
+            assert not lines
+        else:
+            assert len(lines) == 1
+            assert lines[0].startswith(f'lost, and {told}')
+        caplog.clear()
+        assert not found(CUP, evidence).lost
+        assert not caplog.text
 
 
 def test_a_region_beside_what_the_cameras_look_at_is_asked_for(context, caplog):
