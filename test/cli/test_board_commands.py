@@ -175,7 +175,8 @@ def test_a_folder_of_other_pictures_is_refused(boards, camera, tmp_path):
     done = pmcl('calibrate-camera', boards, '--corners', '10x7', '--square', 0.02, '-o',
                 tmp_path / 'c.json', status=2)
     assert 'give the name of a camera YAML' in done.stderr
-    done = pmcl('calibrate-camera', boards, '--corners', '9x8', '--square', 0.02, '-o',
+    (tmp_path / '1.png').unlink()
+    done = pmcl('calibrate-camera', tmp_path, '--corners', '9x8', '--square', 0.02, '-o',
                 tmp_path / 'c.yaml', status=1)
     assert '0 pictures show a complete board; a calibration needs 5' in done.stderr
     done = pmcl('board-poses', boards, '--camera', camera, '--corners', '9x7', '--square', 0.02,
