@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from pmcl_ros.geometry.halton import normal_points
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.halton import normal_points
 from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.runtime.progress import Progress

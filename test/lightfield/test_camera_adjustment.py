@@ -8,22 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from textured_planes import views_of_planes
+from textured_planes import MIDDLE, around, views_of_planes
 
 from pmcl_ros.geometry.se3 import local, retract
 from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, pair_fits
 from pmcl_ros.lightfield.features import MATCHED, Features, features_of
-
-MIDDLE = np.array([0, 0, 0.6])
-
-
-def around(angles):
-    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
-    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
-    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
-    cameras[:, :3, :3] = turns
-    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
-    return cameras
 
 
 def deviations(cameras, true):

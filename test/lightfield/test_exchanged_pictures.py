@@ -4,23 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-from textured_planes import views_of_planes
+from textured_planes import around, views_of_planes
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.exchanged_pictures import exchanged_pictures
 from pmcl_ros.lightfield.posed_view import PosedViews
-
-MIDDLE = np.array([0, 0, 0.6])
-
-
-def around(angles):
-    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
-    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
-    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
-    cameras[:, :3, :3] = turns
-    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
-    return cameras
 
 
 def off(cameras, seed):

@@ -6,23 +6,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-from textured_planes import views_of_planes
+from textured_planes import MIDDLE, around, views_of_planes
 
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 
-MIDDLE = np.array([0, 0, 0.6])
 RNG = np.random.default_rng(0)
-
-
-def around(angles):
-    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
-    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
-    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
-    cameras[:, :3, :3] = turns
-    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
-    return cameras
 
 
 VIEWS = tuple(views_of_planes(around([-20, 0, 20])))

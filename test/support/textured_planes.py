@@ -2,14 +2,25 @@
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
 
 PINHOLE = Pinhole(320, 240, 300.0, 300.0, 160.0, 120.0)
+MIDDLE = np.array([0, 0, 0.6])  # m, of what is seen
 _PIXEL = 0.001  # m, of the textures
 _PLANES = ((0.75, np.array([-0.5, -0.5])), (0.5, np.array([0.0, -0.5])))  # depth, corner [m]
+
+
+def around(angles):
+    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
+    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
+    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
+    cameras[:, :3, :3] = turns
+    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
+    return cameras
 
 
 def views_of_planes(cameras, told=None, seed=0, contrast=1.0):

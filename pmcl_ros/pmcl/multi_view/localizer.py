@@ -48,8 +48,6 @@ from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
-_FEW = 2  # views that agree on a wrong pose even if one of them was exchanged with another one
-_ON_ARC = 3  # that do if those at the ends were exchanged: it is seen in the middle of the third
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,8 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, used = second_hypothesis(evidence, first, lambda views: self._localized(
                 views, rng, ending, replace(request, also=first.modes)))
-        if self._numbers is None and not found.estimate.lost and _is_exchanged(evidence, found):
+        if (self._numbers is None and not found.estimate.lost and warn_of_exchange(
+                evidence, [each.number for each in found.fits], found.estimate.hidden)):
             found = replace(first, estimate=replace(first.estimate, lost=True))
             used = evidence
         return self._told(evidence, len(first.fits), found, used)
@@ -358,14 +357,3 @@ class MultiViewLocalizer(Closing):
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
-
-
-def _is_exchanged(evidence: ViewsEvidence, found: Found) -> bool:
-    """Whether exchanged pictures show an object, at a wrong place; the log tells it.
-
-    That is asked where few views show it, or others do not: more views contradict such a pose.
-    """
-    shown = [each.number for each in found.fits]
-    if len(evidence.views) < 2 or (len(shown) > _ON_ARC and not found.estimate.hidden):
-        return False
-    return warn_of_exchange(evidence, range(len(evidence.views)) if len(shown) <= _FEW else shown)

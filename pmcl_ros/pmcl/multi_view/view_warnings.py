@@ -1,7 +1,7 @@
 """What the log says of posed views that do not see the region of interest, or do not agree."""
 
 import logging
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.render.scene import Window
 
 _LOG = logging.getLogger(__name__)
+_FEW = 2  # views that agree on a wrong pose even if one of them was exchanged with another one
+_ON_ARC = 3  # that do if those at the ends were exchanged: it is seen in the middle of the third
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
 SCALE_ADVICE = ('check the scale of their poses, the size of the mesh, the focal length, and '
                 'whether the object moved')
@@ -89,11 +91,15 @@ def warn_of_pictures(views: Sequence[PosedView], windows: Mapping[int, Window],
         _LOG.warning('lost, and %s', each)
 
 
-def warn_of_exchange(evidence: ViewsEvidence, among: Collection[int]) -> bool:
+def warn_of_exchange(evidence: ViewsEvidence, shown: Sequence[int], hidden: Sequence[int]) -> bool:
     """Warn where what is around an object tells that two pictures were exchanged; it is then lost.
 
-    Returns whether it did. among: numbers of the views that both pictures must be of.
+    Returns whether it did. That is asked where few views show the object, or others do not: more
+    views contradict the pose. shown, hidden: numbers of the views that show it, and do not.
     """
+    if len(evidence.views) < 2 or (len(shown) > _ON_ARC and not hidden):
+        return False
+    among = range(len(evidence.views)) if len(shown) <= _FEW else shown
     pictures = evidence.pictures
     exchanged = None if pictures is None else exchanged_pictures(pictures)
     if exchanged is None or not set(exchanged) <= set(among):

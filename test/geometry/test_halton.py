@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from pmcl_ros.pmcl.halton import normal_points
+from pmcl_ros.geometry.halton import normal_points
 
 
 @pytest.mark.parametrize('dimensions', range(1, 7))
