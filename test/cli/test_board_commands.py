@@ -18,6 +18,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera, ViewsFile
 from pmcl_ros.lightfield.readers.read import read_source
 
@@ -125,6 +126,36 @@ def test_an_object_is_found_by_a_board_beside_it(placed, camera):
     assert found['position'] == pytest.approx(expected[:3, 3], abs=0.004)
 
 
+@pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
+                    reason='OpenCV before 4.7')
+def test_an_object_is_found_in_a_ring(placed, camera, tmp_path):
+    """It hides a part of the ring that it stands in."""
+    capture, _, _ = placed
+    truth, ring = Truth.load(capture / 'truth.json'), CharucoRing(6, 8, 0.045)
+    mesh = trimesh.load_mesh(capture / 'model.obj').apply_transform(truth.pose)
+    turn = Rotation.from_euler('z', 40, degrees=True)
+    foot = np.array([*truth.pose[:2, 3], mesh.bounds[0, 2]])
+    board = pose_of(turn, foot + turn.apply([0.01, -0.02, 0]))
+    for each in read_source(capture).views:
+        picture, seen = each.displayed(), inverse(each.camera_to_reference)
+        around = painted(picture, ring, seen @ board, PINHOLE)
+        outline = PINHOLE.project(mesh.vertices @ seen[:3, :3].T + seen[:3, 3])
+        hides = cv2.fillConvexPoly(np.zeros(picture.shape[:2], np.uint8), cv2.convexHull(
+            np.rint(outline).astype(np.int32)), 1)
+        cv2.imwrite(str(tmp_path / each.name),
+                    np.where(hides[..., None] > 0, picture, around)[..., ::-1])
+    options = '--ring', '6x8', '--square', 0.045
+    done = pmcl('board-poses', tmp_path, '--camera', camera, *options)
+    assert done.stdout.count(' mm away, corners 0.') == 3
+    assert not done.stderr.strip()
+    done = pmcl('localize', tmp_path, '--object', capture / 'model.obj', '--json', '--table',
+                0, 0, 0, 0, 0, 1, '--tilt', 0, 20, '--set', 'proposals=200,particles=64')
+    found = json.loads(next(each for each in done.output.splitlines() if each[:1] == '{'))
+    assert not found['lost']
+    expected = inverse(board) @ truth.pose
+    assert found['position'] == pytest.approx(expected[:3, 3], abs=0.004)
+
+
 def test_another_zoom_is_told(placed, camera, tmp_path):
     _, pictures, _ = placed
     for each in pictures.glob('*.png'):
@@ -148,7 +179,7 @@ def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, came
                  '--square', 0.012)
     done = pmcl(*arguments, status=1)
     assert 'a.png: no complete board' in done.stderr
-    assert 'no camera pose by a board of 6x5 inner corners in 1 pictures' in done.stderr
+    assert 'no camera pose by a board of --corners 6x5 --square 0.012 in 1 pictures' in done.stderr
     assert not (tmp_path / 'views.yaml').exists()
     (tmp_path / 'b.png').write_bytes((pictures / '000.png').read_bytes())
     pmcl(*arguments)
@@ -178,7 +209,7 @@ def test_a_folder_of_other_pictures_is_refused(boards, camera, tmp_path):
     (tmp_path / '1.png').unlink()
     done = pmcl('calibrate-camera', tmp_path, '--corners', '9x8', '--square', 0.02, '-o',
                 tmp_path / 'c.yaml', status=1)
-    assert '0 pictures show a complete board; a calibration needs 5' in done.stderr
+    assert '0 pictures show the board; a calibration needs 5' in done.stderr
     done = pmcl('board-poses', boards, '--camera', camera, '--corners', '9x7', '--square', 0.02,
                 status=1)
     assert 'looks the same upside down' in done.stderr

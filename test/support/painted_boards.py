@@ -1,27 +1,51 @@
-"""Pictures of a checkerboard at a known pose, drawn by its homography."""
+"""Pictures of a printed board at a known pose, drawn by its homography."""
+
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
+
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 
 _SIZE = 40  # px of a square before it is seen
 _FINER = 4  # times as many pixels are drawn, and averaged, as those of the picture
 
 
+def page(board, per_millimetre):
+    """(height, width) uint8: what a printer makes of the board's SVG, without its writing."""
+    drawn = ElementTree.fromstring(board.svg)
+    width, height = (round(float(drawn.get(name).removesuffix('mm')) * per_millimetre)
+                     for name in ('width', 'height'))
+    picture = np.full((height, width), 255, np.uint8)
+    for each in drawn:
+        if each.tag.endswith('rect'):
+            x, y, width, height = (float(each.get(name)) * per_millimetre
+                                   for name in ('x', 'y', 'width', 'height'))
+            light = 255 if each.get('fill') == 'white' else 0
+            picture[round(y):round(y + height), round(x):round(x + width)] = light
+    return picture
+
+
+def on_page(board):
+    """(3, 3) a point (x, y, 1) on the board's plane [m] to one on its page [m], y down."""
+    if isinstance(board, CharucoRing):  # its frame is in the middle, y up; the margin a quarter
+        middle = board.square * (np.array([board.columns, board.rows]) + 0.5) / 2
+        return np.array([[1, 0, middle[0]], [0, -1, middle[1]], [0, 0, 1]])
+    first = 2 * board.square  # a margin and a square
+    return np.array([[1, 0, first], [0, 1, first], [0, 0, 1]])
+
+
 def painted(picture, board, pose, pinhole):
     """A picture with the board, at a pose (4, 4) to the camera, before all else in it.
 
-    picture: (height, width) or (height, width, 3) uint8. A light corner square is beside the
-    board's first corner.
+    picture: (height, width) or (height, width, 3) uint8.
     """
-    rows, columns = board.rows + 1, board.columns + 1
-    squares = np.kron((np.indices((rows, columns)).sum(axis=0) + 1) % 2, np.ones((_SIZE, _SIZE)))
-    flat = np.pad(40 + 180 * squares, _SIZE, constant_values=255)
-    # From its pixels to the plane of the board, whose origin is the first inner corner.
-    scale, origin = board.square / _SIZE, 2 * _SIZE - 0.5
-    onto = np.array([[scale, 0, -origin * scale], [0, scale, -origin * scale], [0, 0, 1]])
+    per_metre = _SIZE / board.square
+    flat = 40 + 180 / 255 * page(board, per_metre / 1e3)
+    pixels = np.array([[per_metre, 0, -0.5], [0, per_metre, -0.5], [0, 0, 1]])
     drawn = pinhole.resized(_FINER * pinhole.width, _FINER * pinhole.height)
     size = pinhole.width, pinhole.height
-    seen = drawn.matrix @ pose[:3, [0, 1, 3]] @ onto
+    seen = drawn.matrix @ pose[:3, [0, 1, 3]] @ np.linalg.inv(pixels @ on_page(board))
     light, share = (cv2.resize(cv2.warpPerspective(
         each.astype(np.float32), seen, (drawn.width, drawn.height)), size,
         interpolation=cv2.INTER_AREA) for each in (flat, np.ones_like(flat)))

@@ -1,4 +1,4 @@
-"""`pmcl board`, `calibrate-camera`, `board-poses`: ordinary cameras by a printed checkerboard."""
+"""`pmcl board`, `calibrate-camera`, `board-poses`: ordinary cameras by a printed board."""
 
 import math
 from collections.abc import Iterator
@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from pmcl_ros.cli.base import CAMERA, FORCE, STDERR, Needed
-from pmcl_ros.cli.cameras.board_pictures import RestingCameras, boards_in
+from pmcl_ros.cli.cameras.board_pictures import (
+    Board,
+    RestingCameras,
+    board_of,
+    board_options,
+    boards_in,
+    tell_missing,
+)
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, fit_intrinsics, focal_error
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
@@ -26,51 +32,47 @@ from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes many seconds
 _CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
 _PICTURES = Needed('It is a folder of PNG, JPEG, TIFF, ...: docs/howto/board.md', folder=True)
-_CORNERS = click.option('--corners', required=True, metavar='COLUMNSxROWS', help='Inner corners '
-                        'of the checkerboard, as 10x7; one number odd, the other even.')
-_SQUARE = click.option('--square', required=True, type=float, help='Side of its squares [m].')
 _OUT = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
-@_CORNERS
-@_SQUARE
+@board_options
 @click.option('-o', '--out', required=True, type=_OUT, help='SVG to write, in its true size.')
 @FORCE
-def board(corners: str, square: float, out: Path, force: bool) -> None:
-    """Draw a checkerboard to print.
+def board(corners: str | None, ring: str | None, square: float, out: Path, force: bool) -> None:
+    """Draw a checkerboard, or a ring of markers, to print.
 
     Print it at 100 %, measure its squares, and glue it on something flat.
     """
     if out.suffix.lower() != '.svg':
         raise click.UsageError(f'-o {out}: give the name of an SVG, as board.svg')
+    drawn = board_of(corners, ring, square).svg
     refuse_existing([out], force)
     out.parent.mkdir(parents=True, exist_ok=True)
-    _write(out, Checkerboard.parse(corners, square).svg)
+    _write(out, drawn)
 
 
 @click.command('calibrate-camera')
 @click.argument('pictures', type=_PICTURES)
-@_CORNERS
-@_SQUARE
+@board_options
 @click.option('-o', '--out', required=True, type=_OUT, help='Camera to write: the YAML that '
               '--camera of other commands reads, and an entry of cameras in views.yaml.')
 @FORCE
-def calibrate_camera(pictures: Path, corners: str, square: float, out: Path, force: bool) -> None:
-    """Calibrate an ordinary camera from a folder of PICTURES of a checkerboard.
+def calibrate_camera(pictures: Path, corners: str | None, ring: str | None, square: float,
+                     out: Path, force: bool) -> None:
+    """Calibrate an ordinary camera from a folder of PICTURES of a checkerboard, or of a ring.
 
     The pictures have one zoom and one focus, and show the board tilted by 20 to 40 degrees,
-    another way in each, near the borders too. Pictures without the complete board are named and
-    left out.
+    another way in each, near the borders too. Pictures without the board are named and left out.
     """
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.UsageError(f'-o {out}: give the name of a camera YAML, as camera.yaml')
     refuse_existing([out], force)
-    checkerboard, files = Checkerboard.parse(corners, square), _files(pictures)
+    printed, files = board_of(corners, ring, square), _files(pictures)
     width, height = _size(files)
     out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
-    found = fit_intrinsics(dict(_seen(files, checkerboard, (width, height))), checkerboard.points,
-                           width, height)
+    found = fit_intrinsics(dict(_seen(files, printed, (width, height))), printed.points, width,
+                           height)
     pinhole = found.pinhole
     values = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *found.distortion]
     for name, value, sigma in zip(('fx', 'fy', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2'), values,
@@ -84,26 +86,27 @@ def calibrate_camera(pictures: Path, corners: str, square: float, out: Path, for
     posed_views.ViewCamera.make({
         'width': width, 'height': height, 'fx': pinhole.fx, 'fy': pinhole.fy, 'cx': pinhole.cx,
         'cy': pinhole.cy, 'distortion': found.distortion}, 'camera').save(
-            out, f'pmcl calibrate-camera {pictures} --corners {corners} --square {square:g}')
+            out, f'pmcl calibrate-camera {pictures} {printed.options}')
 
 
 @click.command('board-poses')
 @click.argument('pictures', type=_PICTURES)
 @click.option('--camera', required=True, type=CAMERA, help='Camera of the pictures, a YAML file '
               'as calibrate-camera writes it.')
-@_CORNERS
-@_SQUARE
+@board_options
 @FORCE
-def board_poses(pictures: Path, camera: Path, corners: str, square: float, force: bool) -> None:
-    """Write views.yaml into a folder of PICTURES: camera poses by a checkerboard in view.
+def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | None,
+                square: float, force: bool) -> None:
+    """Write views.yaml into a folder of PICTURES: camera poses by a printed board in view.
 
-    Object and board rest. The poses are in the frame of the board, with their errors. Pictures
-    without the complete board are named and left out.
+    Object and board rest. The poses are in the frame of the board, with their errors: of a
+    checkerboard z points into the table, of a ring out of it. Pictures without the complete
+    checkerboard, or with little of the ring, are named and left out.
     """
     path = pictures / posed_views.NAME
     refuse_existing([path], force)
-    checkerboard, of = Checkerboard.parse(corners, square), OrdinaryCamera.load(camera)
-    name, points = camera.stem, checkerboard.points
+    printed, of = board_of(corners, ring, square), OrdinaryCamera.load(camera)
+    name, points = camera.stem, printed.points
     cameras = {name: of.model_dump(mode='json', exclude_none=True,
                                    include=set(posed_views.ViewCamera.model_fields))}
     listed = RestingCameras.make({
@@ -111,7 +114,7 @@ def board_poses(pictures: Path, camera: Path, corners: str, square: float, force
         'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
     reduction = _reduction(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
-    views, boards = [], boards_in(listed, path, checkerboard, reduction, set())
+    views, boards = [], boards_in(listed, path, printed, reduction, set())
     for file, seen in boards.items():
         try:
             found = camera_at_board({file: seen}, points, pinhole)
@@ -124,16 +127,16 @@ def board_poses(pictures: Path, camera: Path, corners: str, square: float, force
                    f'{views[-1]["sigma_deg"]:.3f} degrees')
     if not views:
         raise LightFieldError(
-            f'{pictures}: no camera pose by a board of {corners} inner corners in '
-            f'{len(listed.views)} pictures: are --corners its numbers, and is all of it in view?')
+            f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
+            'pictures: are these its numbers, and is it in view?')
     off, sigma = focal_error({str(each['file']): boards[str(each['file'])] for each in views},
                              points, pinhole)
     if abs(off) > _CLEAR * np.hypot(sigma, LARGEST_ERROR):
         click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '
                    f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
-    _write(path, f'# pmcl board-poses {pictures} --camera {camera} --corners {corners} --square '
-           f'{square:g}\n' + yaml.safe_dump(
+    _write(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
+           + yaml.safe_dump(
                {'reference': listed.reference, 'cameras': cameras, 'views': views},
                default_flow_style=None, sort_keys=False))
 
@@ -179,15 +182,15 @@ def _reduction(width: int, height: int) -> Reduction:
     return Reduction(1, math.ceil(math.sqrt(width * height / _MOST_SEARCHED)))
 
 
-def _seen(files: list[Path], checkerboard: Checkerboard, size: tuple[int, int]
+def _seen(files: list[Path], printed: Board, size: tuple[int, int]
           ) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Names and corners (m, 2) [px] of the pictures with a complete board; others are named."""
+    """Names and corners (m, 2) [px] of the pictures that show the board; others are named."""
     reduction = _reduction(*size)
     for file in track(files, console=STDERR, description='boards', transient=True):
         picture = encoded(read_picture(file), GAMMA)
         grey = np.rint(255 * reduction.shrunk(picture).mean(axis=2)).astype(np.uint8)
-        corners = checkerboard.seen(grey)
+        corners = printed.seen(grey)
         if corners is None:
-            click.echo(f'{file.name}: no complete board', err=True)
+            tell_missing(file.name, printed)
             continue
         yield file.name, (corners + 0.5) * reduction.shrink - 0.5

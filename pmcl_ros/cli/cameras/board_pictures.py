@@ -1,6 +1,8 @@
-"""Corners of a checkerboard in the pictures that a views.yaml lists."""
+"""The board that options tell of, and its corners in the pictures that a views.yaml lists."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -11,9 +13,35 @@ from rich.progress import track
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
+
+Board = Checkerboard | CharucoRing
+_OPTIONS = (
+    click.option('--corners', metavar='COLUMNSxROWS', help='Inner corners of the checkerboard, as '
+                 '10x7; one number odd, the other even.'),
+    click.option('--ring', metavar='COLUMNSxROWS', help='In place of --corners: squares along the '
+                 'sides of a ring of markers, as 8x11. The object stands in its middle.'),
+    click.option('--square', required=True, type=float, help='Side of its squares [m].'))
+
+
+def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """--corners, --ring and --square, as `board_of` reads them."""
+    for each in reversed(_OPTIONS):
+        command = each(command)
+    return command
+
+
+def board_of(corners: str | None, ring: str | None, square: float) -> Board:
+    """Raises UsageError for none or both of corners and ring, SettingsError for no board."""
+    if corners is not None and ring is None:
+        return Checkerboard.parse(corners, square)
+    if ring is not None and corners is None:
+        return CharucoRing.parse(ring, square)
+    raise click.UsageError('say what the board is: --corners, as 10x7, for a checkerboard, or '
+                           '--ring, as 8x11, for a ring of markers')
 
 
 class RestingCameras(posed_views.ViewsFile):
@@ -31,10 +59,11 @@ class RestingCameras(posed_views.ViewsFile):
         return self
 
 
-def boards_in(of: posed_views.ViewsFile, path: Path, board: Checkerboard, reduction: Reduction,
+def boards_in(of: posed_views.ViewsFile, path: Path, board: Board, reduction: Reduction,
               pinholes: set[Pinhole]) -> dict[str, NDArray[np.float64]]:
-    """Corners (m, 2) [px] in the pictures with a complete board; others are named.
+    """Corners (m, 2) [px] in the pictures that show the board; others are named.
 
+    NaN: corners of a ring that a picture does not show, or that are seen aside behind glass.
     pinholes: of all pictures, more than one is refused; those of light fields are added.
     """
     found = {}
@@ -45,11 +74,19 @@ def boards_in(of: posed_views.ViewsFile, path: Path, board: Checkerboard, reduct
         pinholes.add(view.pinhole)  # a light field has its own
         check_one(path, pinholes)
         seen = board.seen(view.displayed().mean(axis=2).astype(np.uint8))
+        if seen is not None and isinstance(board, CharucoRing):
+            seen = board.in_plane(seen)
         if seen is None:
-            click.echo(f'{entry.file}: no complete board', err=True)
+            tell_missing(entry.file, board)
             continue
         found[entry.file] = seen
     return found
+
+
+def tell_missing(file: str, board: Board) -> None:
+    """The line about a picture without the board."""
+    what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
+    click.echo(f'{file}: {what}', err=True)
 
 
 def check_one(path: Path, pinholes: set[Pinhole]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.calibration.corners import Corners
+from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
@@ -20,9 +21,6 @@ _EFFORTS = (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 # the focus distance of an F01 to infinity.
 _COARSE = np.arange(-2.0, 1.51, 0.5)
 _FINE = np.arange(-2.0, 1.51, 0.05)
-_WINDOW = 0.45  # of a square, to each side: the next corners' edges stay outside
-_UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)  # steps, px
-_DRAWN = 0.1  # px: that corners may be drawn out of line where they are refined
 _AGREEING = 0.9  # least share of corners with correctly alternating squares
 
 
@@ -54,6 +52,11 @@ class Checkerboard:
             raise SettingsError(f'corners {corners!r} are not like 10x7: columns x rows of inner '
                                 'corners')
         return cls(int(numbers[1]), int(numbers[2]), square)
+
+    @property
+    def options(self) -> str:
+        """Of commands."""
+        return f'--corners {self.columns}x{self.rows} --square {self.square:g}'
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -96,24 +99,7 @@ class Checkerboard:
         first, last = (self._brightness(picture, each)
                        for each in (found[:2, :2], found[-2:, -2:]))
         oriented = found if first > last else found[::-1, ::-1]
-        # The detector's corners are off together, by up to a tenth of a pixel.
-        side = min(np.linalg.norm(np.diff(oriented, axis=axis), axis=-1).min() for axis in (0, 1))
-        reach = max(1, int(_WINDOW * side))
-        detected = oriented.reshape(-1, 2)
-        refined = np.asarray(cv2.cornerSubPix(picture, detected[:, None].astype(np.float32),
-                                              (reach, reach), (-1, -1), _UNTIL), float)[:, 0]
-        # Of small or blurred squares the edges of the next corners draw them apart.
-        is_better = self._out_of_line(refined) - self._out_of_line(detected) < _DRAWN ** 2
-        return refined if is_better else detected
-
-    def _out_of_line(self, corners: NDArray[np.float64]) -> float:
-        """Mean square distance of corners (m, 2) from where a plane's would be [px^2]."""
-        plane = self.points[:, None, :2] / self.square
-        onto, _ = cv2.findHomography(plane, corners)
-        if onto is None:
-            return math.inf
-        off = cv2.perspectiveTransform(plane, onto)[:, 0] - corners
-        return float(np.square(off).sum(axis=1).mean())
+        return refined(picture, oriented.reshape(-1, 2), self.points[:, :2] / self.square)
 
     @staticmethod
     def _brightness(picture: NDArray[np.uint8], square: NDArray[np.float64]) -> float:

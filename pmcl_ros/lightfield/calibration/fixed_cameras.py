@@ -51,15 +51,16 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
                     pinhole: Pinhole) -> CameraAtBoard:
     """The camera that sees the corners of a board so; camera and board rest.
 
-    pictures: by name, (m, 2) corners without distortion [px]. board: (m, 3) its corners [m]. The
-    noise of the corners is estimated from what is left of them.
+    pictures: by name, (m, 2) corners without distortion [px], NaN: not seen. board: (m, 3) its
+    corners [m]. The noise of the corners is estimated from what is left of them.
     Raises LightFieldError where no pose fits the corners, or another one, with the board tilted
     the other way, fits nearly as well.
     """
     seen = np.array([*pictures.values()])
-    corners, points = seen.reshape(-1, 2), np.tile(board, (len(seen), 1))
-    _, turns, places, _ = cv2.solvePnPGeneric(board, seen.mean(axis=0), pinhole.matrix,
-                                              np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    shown = np.isfinite(seen).all(axis=2)
+    corners, points = seen[shown], np.tile(board, (len(seen), 1, 1))[shown]
+    _, turns, places, _ = cv2.solvePnPGeneric(points, corners, pinhole.matrix, np.zeros(4),
+                                              flags=cv2.SOLVEPNP_IPPE)
     poses = []
     for each in zip(turns, places, strict=True):
         turn, place = cv2.solvePnPRefineLM(points, corners, pinhole.matrix, np.zeros(4), *each)
@@ -67,19 +68,20 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
                                      place.ravel().astype(float))))
 
     def residuals(camera: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, m, 2) px."""
+        """(n, m, 2) px, 0 of corners that are not seen."""
         back = inverse(camera)
-        return np.asarray(pinhole.project(board @ back[:3, :3].T + back[:3, 3]) - seen)
+        off = pinhole.project(board @ back[:3, :3].T + back[:3, 3]) - seen
+        return np.where(shown[..., None], off, 0)
 
     squares = [float(np.square(residuals(each)).sum()) for each in poses]
     best = int(np.argmin(squares))
     camera, left = poses[best], residuals(poses[best])
-    pixels = np.sqrt(np.square(left).sum(axis=2).mean(axis=1))
+    pixels = np.sqrt(np.square(left).sum(axis=(1, 2)) / shown.sum(axis=1))
     if not pixels.max() < _MOST_PIXELS:
         raise LightFieldError(
             f'{[*pictures][int(pixels.argmax())]}: the corners are {pixels.max():.1f} px off: did '
             'board and camera rest, and is the calibration of this camera and resolution?')
-    variance = max(squares[best] / (left.size - 6), _LEAST_NOISE ** 2)
+    variance = max(squares[best] / (corners.size - 6), _LEAST_NOISE ** 2)
     if any(np.linalg.norm(other[:3, :3] - camera[:3, :3]) > np.deg2rad(1)
            and square - squares[best] < _EVIDENT * variance
            for other, square in zip(poses, squares, strict=True)):

@@ -36,9 +36,9 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
                    width: int, height: int) -> Intrinsics:
     """The camera that took the pictures (OpenCV's calibrateCamera, after Zhang 2000).
 
-    pictures: by name, (m, 2) corners of a board [px]. board: (m, 3) its corners [m]. width,
-    height: of the pictures [px]. A picture without which the others fit clearly better is left
-    out.
+    pictures: by name, (m, 2) corners of a board [px], NaN: not seen. board: (m, 3) its corners
+    [m]. width, height: of the pictures [px]. A picture without which the others fit clearly better
+    is left out.
     Raises LightFieldError for fewer than `FEWEST` pictures, where the corners are those of no
     board or of several cameras, and where they do not tell the focal length.
     """
@@ -72,8 +72,8 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
                 pinhole: Pinhole) -> tuple[float, float]:
     """By which share the focal length is longer where boards fit best, and its deviation.
 
-    pictures: by name, (m, 2) corners of a board that a camera of this pinhole sees [px]. board:
-    (m, 3) its corners [m]. The standard deviation is that by the corners alone.
+    pictures: by name, (m, 2) corners of a board that a camera of this pinhole sees [px], NaN: not
+    seen. board: (m, 3) its corners [m]. The standard deviation is that by the corners alone.
     Raises LightFieldError where the corners are those of no board.
     """
     alone = (cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO
@@ -88,8 +88,8 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
 def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
             height: int) -> Intrinsics:
     if len(pictures) < FEWEST:
-        raise LightFieldError(f'{len(pictures)} pictures show a complete board; a calibration '
-                              f'needs {FEWEST}, better 15: are --corners those of the board?')
+        raise LightFieldError(f'{len(pictures)} pictures show the board; a calibration needs '
+                              f'{FEWEST}, better 15: are its numbers those of the board?')
     unknown = Pinhole(width, height, 1, 1, 0, 0)
     matrix, distortion, pixels, covariance = _fit(
         pictures, board, unknown, cv2.CALIB_FIX_K3, np.eye(_OWN.stop)[:, _OWN])
@@ -105,22 +105,25 @@ def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64]
     flags: of OpenCV's calibrateCamera. onto: (14, k) derivatives of its unknowns, as projectPoints
     lists them, by those of which the covariance is.
     """
+    shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
+    points = [board[each].astype(np.float32) for each in shown]
+    corners = [each[own].astype(np.float32)
+               for each, own in zip(pictures.values(), shown, strict=True)]
     try:
         _, matrix, distortion, turns, places = cv2.calibrateCamera(
-            [board.astype(np.float32)] * len(pictures),
-            [each.astype(np.float32) for each in pictures.values()], (start.width, start.height),
-            start.matrix.copy(), np.zeros(5), flags=flags)
-        pixels, information = [], np.zeros((onto.shape[1],) * 2)
-        for seen, turn, place in zip(pictures.values(), turns, places, strict=True):
-            expected, slopes = cv2.projectPoints(board, turn, place, matrix, distortion)
-            pixels.append(np.sqrt(np.square(expected[:, 0] - seen).sum(axis=1).mean()))
+            points, corners, (start.width, start.height), start.matrix.copy(), np.zeros(5),
+            flags=flags)
+        squares, information = [], np.zeros((onto.shape[1],) * 2)
+        for of, seen, turn, place in zip(points, corners, turns, places, strict=True):
+            expected, slopes = cv2.projectPoints(of, turn, place, matrix, distortion)
+            squares.append(float(np.square(expected[:, 0] - seen).sum()))
             own, pose = slopes[:, :len(onto)] @ onto, slopes[:, :6]
             information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
         covariance = np.linalg.inv(information)
     except (cv2.error, np.linalg.LinAlgError) as error:
-        raise LightFieldError(f'the corners are those of no board ({error}); are --corners and '
+        raise LightFieldError(f'the corners are those of no board ({error}); are its numbers and '
                               '--square those of the board?'.replace('\n', ' ')) from None
-    square = float(np.square(pixels).sum() * len(board))
-    variance = square / ((2 * len(board) - 6) * len(pixels) - len(covariance))
+    counts = np.array([len(each) for each in corners])
+    variance = sum(squares) / (2 * counts.sum() - 6 * len(counts) - len(covariance))
     return (np.asarray(matrix, float), np.asarray(distortion, float).ravel(),
-            np.array(pixels, float), np.asarray(variance * covariance, float))
+            np.sqrt(squares / counts), np.asarray(variance * covariance, float))

@@ -34,19 +34,23 @@ def board_at(distance, *rpy):
 SEEN = {'left': board_at(0.5, 25, -15, 10), 'right': board_at(0.6, -20, 30, 170)}
 
 
-def corners(pose, pinhole, rng, count):
-    """By name, corners [px] of a board in so many pictures."""
+def corners(pose, pinhole, rng, count, hidden=0):
+    """By name, corners [px] of a board in so many pictures; hidden: of them, NaN, in each."""
     exact = pinhole.project(BOARD.points @ pose[:3, :3].T + pose[:3, 3])
-    return {f'{number}.png': exact + rng.normal(0, NOISE, exact.shape) for number in range(count)}
+    pictures = {f'{number}.png': exact + rng.normal(0, NOISE, exact.shape)
+                for number in range(count)}
+    for each in pictures.values() if hidden else ():
+        each[rng.permutation(len(each))[:hidden]] = np.nan
+    return pictures
 
 
-@pytest.mark.parametrize('count', [1, 4])
+@pytest.mark.parametrize(('count', 'hidden'), [(1, 0), (4, 0), (1, 40), (3, 50)])
 @pytest.mark.parametrize('name', PINHOLES)
-def test_errors_are_those_that_are_told(name, count):
+def test_errors_are_those_that_are_told(name, count, hidden):
     trials, pose, rng = 200, SEEN[name], np.random.default_rng(3)
     truth, total, sizes = inverse(pose), 0.0, []
     for _ in range(trials):
-        found = camera_at_board(corners(pose, PINHOLES[name], rng, count), BOARD.points,
+        found = camera_at_board(corners(pose, PINHOLES[name], rng, count, hidden), BOARD.points,
                                 PINHOLES[name])
         off = local(found.camera[None], truth)[0]
         total += off @ np.linalg.solve(found.covariance, off)
@@ -55,7 +59,7 @@ def test_errors_are_those_that_are_told(name, count):
     # The variance of the corners is estimated: Fisher's distribution, which is chi-squared nearly.
     low, high = stats.chi2.ppf([0.001, 0.999], 6 * trials)
     assert low < total < high * 1.05
-    free = 1 - 6 / (2 * len(BOARD.points) * count)  # the fit takes six of them
+    free = 1 - 6 / (2 * (len(BOARD.points) - hidden) * count)  # the fit takes six of them
     assert np.mean(np.square(sizes)) == pytest.approx(2 * NOISE ** 2 * free, rel=0.02)
 
 

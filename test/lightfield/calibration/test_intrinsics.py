@@ -43,15 +43,25 @@ def test_exact_corners_give_the_camera():
     assert found.pixels.max() < 0.01
 
 
-def test_errors_are_those_that_are_told():
+def with_hidden(rng, pictures, share):
+    """The same pictures, a share of the corners NaN, others in each."""
+    hidden = round(share * len(BOARD.points))
+    for corners in pictures.values():
+        corners[rng.permutation(len(corners))[:hidden]] = np.nan
+    return pictures
+
+
+@pytest.mark.parametrize('share', [0.0, 0.5])
+def test_errors_are_those_that_are_told(share):
     rng, trials = np.random.default_rng(2), 60
-    found = [fit_intrinsics(seen(rng, 15), BOARD.points, *SIZE) for _ in range(trials)]
+    found = [fit_intrinsics(with_hidden(rng, seen(rng, 15), share), BOARD.points, *SIZE)
+             for _ in range(trials)]
     scaled = np.array([(numbers(each) - TRUTH) / each.sigma for each in found])
     # Means of 60 squares have a standard deviation of 0.18.
     assert np.square(scaled).mean(axis=0) == pytest.approx(np.ones(8), abs=0.6)
     assert np.square(scaled).mean() == pytest.approx(1, abs=0.2)
     pixels = np.sqrt(np.mean([np.square(each.pixels).mean() for each in found]))
-    free = 1 - (8 + 15 * 6) / (2 * len(BOARD.points) * 15)
+    free = 1 - (8 + 15 * 6) / (2 * (1 - share) * len(BOARD.points) * 15)
     assert pixels == pytest.approx(NOISE * np.sqrt(2 * free), rel=0.02)
 
 
@@ -88,7 +98,7 @@ def test_a_focal_length_is_checked(count):
 
 def test_few_pictures_and_corners_of_no_board_are_refused():
     rng = np.random.default_rng(5)
-    with pytest.raises(LightFieldError, match=f'{FEWEST - 1} pictures show a complete board; '):
+    with pytest.raises(LightFieldError, match=f'{FEWEST - 1} pictures show the board; '):
         fit_intrinsics(seen(rng, FEWEST - 1), BOARD.points, *SIZE)
     scattered = {f'{number}.png': rng.uniform([0, 0], SIZE, (len(BOARD.points), 2))
                  for number in range(FEWEST)}

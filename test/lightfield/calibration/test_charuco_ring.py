@@ -1,0 +1,109 @@
+"""A ring of markers, drawn and seen: against truth, covered in part, behind glass."""
+
+import cv2
+import numpy as np
+import pytest
+from painted_boards import on_page, page, picture_of_board
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.runtime.errors import SettingsError
+
+has_detector = hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector')
+needs_detector = pytest.mark.skipif(not has_detector, reason='OpenCV before 4.7')
+PINHOLE = Pinhole(640, 480, 600, 600, 322, 238)
+
+
+@pytest.mark.skipif(has_detector, reason='OpenCV from 4.7 on')
+def test_an_old_opencv_is_told():
+    with pytest.raises(SettingsError, match=r'--ring needs OpenCV 4\.7, this is 4.*--corners'):
+        CharucoRing(8, 11, 0.024)
+
+
+def seen_from(rng, ring, distance, height):
+    """A noisy picture from a height [degrees], anywhere around; where its corners are [px]."""
+    turn = (Rotation.from_euler('x', 90 + height, degrees=True)
+            * Rotation.from_euler('z', rng.uniform(-180, 180), degrees=True))
+    pose = pose_of(turn, [0, 0, distance])
+    picture = picture_of_board(ring, pose, PINHOLE)
+    noisy = np.clip(picture + rng.normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+    return noisy, PINHOLE.project(ring.points @ pose[:3, :3].T + pose[:3, 3])
+
+
+@needs_detector
+@pytest.mark.parametrize('size', [(8, 11), (5, 7), (6, 6)])
+def test_a_ring_is_drawn_in_its_true_size(size):
+    ring = CharucoRing(*size, 0.02)
+    assert len(ring.points) == 2 * (sum(size) - 4)
+    plane = np.concatenate([ring.points[:, :2], np.ones((len(ring.points), 1))], axis=1)
+    expected = 4e3 * (plane @ on_page(ring).T)[:, :2] - 0.5
+    assert ring.seen(page(ring, 4)) == pytest.approx(expected, abs=0.02)
+    middle = page(ring, 4)[180:-180, 180:-180]  # from two squares and the margin on
+    assert middle.min() == 255
+    assert f'--ring {size[0]}x{size[1]} --square 0.02<' in ring.svg
+
+
+@needs_detector
+@pytest.mark.parametrize(('height', 'least', 'most'), [(60, 25, 0.07), (35, 20, 0.12)])
+def test_corners_have_no_common_error(height, least, most):
+    ring, rng, every = CharucoRing(8, 11, 0.024), np.random.default_rng(1), []
+    for _ in range(6):
+        picture, exact = seen_from(rng, ring, 0.45, height)
+        off = ring.seen(picture) - exact
+        off = off[np.isfinite(off[:, 0])]
+        assert len(off) >= least
+        assert np.sqrt(np.square(off).mean()) < most
+        every.append(off)
+    assert np.abs(np.concatenate(every).mean(axis=0)).max() < 0.02
+
+
+@needs_detector
+def test_what_is_covered_is_not_seen_and_the_rest_is():
+    ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(2)
+    picture, exact = seen_from(rng, ring, 0.45, 50)
+    x, y = exact[np.argmax(exact[:, 1])].astype(int)
+    picture[y - 60:, x - 60:x + 60] = 90
+    corners = ring.seen(picture)
+    shown = np.isfinite(corners[:, 0])
+    covered = (np.abs(exact[:, 0] - x) < 60) & (exact[:, 1] > y - 60)
+    assert covered.any()
+    assert not shown[covered].any()
+    assert shown.sum() >= 15
+    assert np.abs(corners - exact)[shown].max() < 0.6
+    picture[:, 200:] = 90
+    assert ring.seen(picture) is None
+    assert ring.seen(np.full((480, 640), 90, np.uint8)) is None
+    assert ring.seen(page(CharucoRing(6, 6, 0.03), 4)) is None  # the markers of another ring
+
+
+@needs_detector
+def test_corners_behind_glass_are_left_out():
+    ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(3)
+    picture, exact = seen_from(rng, ring, 0.45, 50)
+    corners = ring.seen(picture)
+    behind = np.argsort(np.linalg.norm(exact - exact[0], axis=1))[:7]
+    behind = behind[np.isfinite(corners[behind, 0])]
+    assert len(behind) > 3
+    aside = corners.copy()
+    aside[behind] += rng.uniform(1.5, 6, (len(behind), 2))
+    left = ring.in_plane(aside)
+    assert np.isnan(left[behind]).all()
+    others = np.setdiff1d(np.arange(len(exact)), behind)
+    np.testing.assert_array_equal(left[others], corners[others])
+    np.testing.assert_array_equal(ring.in_plane(corners), corners)
+    assert ring.in_plane(np.full(corners.shape, 100.0)) is None
+
+
+@needs_detector
+@pytest.mark.parametrize(('values', 'message'), [
+    ((4, 11, 0.024), '4x11 squares cannot be used; it has 5 or more'),
+    ((8, 63, 0.024), 'an area of 500 at most'),
+    ((8, 11, 24), 'squares of 24 m are impossible')])
+def test_no_ring(values, message):
+    with pytest.raises(SettingsError, match=message):
+        CharucoRing(*values)
+    with pytest.raises(SettingsError, match="ring '8-11' is not like 8x11"):
+        CharucoRing.parse('8-11', 0.024)
+    assert CharucoRing.parse(' 8X11', 0.024) == CharucoRing(8, 11, 0.024)
