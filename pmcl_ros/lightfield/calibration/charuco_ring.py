@@ -164,7 +164,7 @@ class CharucoRing:
         return every[self._corners]
 
     @property
-    def _board(self) -> cv2.aruco.CharucoBoard:
+    def _board(self) -> 'cv2.aruco.CharucoBoard':  # old versions of OpenCV have none
         return cv2.aruco.CharucoBoard(
             (self.columns, self.rows), self.square, _MARKER * self.square,
             cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250))
