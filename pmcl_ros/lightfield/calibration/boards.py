@@ -21,6 +21,7 @@ _EFFORTS = (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 # the focus distance of an F01 to infinity.
 _COARSE = np.arange(-2.0, 1.51, 0.5)
 _FINE = np.arange(-2.0, 1.51, 0.05)
+_FREE = 0.45  # of a square, to each side of a corner: short of the next corners' edges
 _AGREEING = 0.9  # least share of corners with correctly alternating squares
 
 
@@ -99,7 +100,7 @@ class Checkerboard:
         first, last = (self._brightness(picture, each)
                        for each in (found[:2, :2], found[-2:, -2:]))
         oriented = found if first > last else found[::-1, ::-1]
-        return refined(picture, oriented.reshape(-1, 2), self.points[:, :2] / self.square)
+        return refined(picture, oriented.reshape(-1, 2), self.points[:, :2] / self.square, _FREE)
 
     @staticmethod
     def _brightness(picture: NDArray[np.uint8], square: NDArray[np.float64]) -> float:

@@ -11,10 +11,11 @@ from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.runtime.errors import SettingsError
 
 _WIDE = 2  # squares: the least with chess corners in the middle of the ring
-_MARKER = 0.6  # side of a marker, in squares: larger ones draw the chess corners beside them
+_MARKER = 0.6  # side of a marker, in squares: the light around it lets corners be measured
 _FEWEST, _MOST = 2 * _WIDE + 1, 500  # squares in a direction; in all, by the dictionary's markers
 _LEAST = 8  # corners: with fewer, noise tilts the board
 _MARGIN = 0.25  # squares
+_FROM_CORNERS = 0.5 if cv2.__version__ < '5' else 0.0  # px: OpenCV 4 counts from pixels' corners
 _MISREAD = 0.5  # squares
 _BESIDE = 0.1  # squares from a corner, along both sides: before the markers
 _COVERED = 0.25  # of the usual contrast
@@ -111,7 +112,7 @@ class CharucoRing:
         if len(shown) < _LEAST:
             return None
         seen = np.full(best.shape, np.nan)
-        seen[shown] = refined(picture, best[shown], squares[shown])
+        seen[shown] = refined(picture, best[shown], squares[shown], (1 - _MARKER) / 2)
         contrasts = self._contrasts(picture, seen)
         seen[~(contrasts > _COVERED * np.nanmedian(contrasts))] = np.nan
         return seen if np.isfinite(seen[:, 0]).sum() >= _LEAST else None
@@ -160,7 +161,8 @@ class CharucoRing:
         positions, numbers, _, _ = detector.detectBoard(enlarged)
         every = np.full(((self.rows - 1) * (self.columns - 1), 2), np.nan)
         if numbers is not None and len(numbers):
-            every[np.ravel(numbers)] = (np.reshape(positions, (-1, 2)) + 0.5) / scale - 0.5
+            middles = np.reshape(positions, (-1, 2)) - _FROM_CORNERS  # 0: the middle of a pixel
+            every[np.ravel(numbers)] = (middles + 0.5) / scale - 0.5
         return every[self._corners]
 
     @property
