@@ -42,7 +42,7 @@ _BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # what `_bo
 class BoardPicture:
     """The corners of a board in one picture, and the arm's pose.
 
-    corners: (m, 2) px, without distortion. mount_to_base: (4, 4), of the link with the camera, or
+    corners: (m, 2) px, without distortion; NaN: not seen. mount_to_base: (4, 4), of the link with the camera, or
     with the board where the camera stands beside the arm.
     """
 
@@ -173,11 +173,11 @@ def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
 
 
 def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole) -> _BoardPose:
-    """Board to camera (4, 4); derivatives (2 m, 6) of the corners by `retract`; rms [px]."""
-    still = np.zeros(4)
-    _, turn, place = cv2.solvePnP(board, picture.corners, pinhole.matrix, still,
-                                  flags=cv2.SOLVEPNP_IPPE)
-    turn, place = cv2.solvePnPRefineLM(board, picture.corners, pinhole.matrix, still, turn, place)
+    """Board to camera (4, 4); derivatives (2 k, 6) of corners seen by `retract`; rms [px]."""
+    shown = np.isfinite(picture.corners[:, 0])
+    board, corners, still = board[shown], picture.corners[shown], np.zeros(4)
+    _, turn, place = cv2.solvePnP(board, corners, pinhole.matrix, still, flags=cv2.SOLVEPNP_IPPE)
+    turn, place = cv2.solvePnPRefineLM(board, corners, pinhole.matrix, still, turn, place)
     pose = pose_of(Rotation.from_rotvec(turn.ravel()), place.ravel().astype(float))
 
     def project(each: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,7 +186,7 @@ def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinh
     ahead, behind = (retract(pose[None], way * _STEP * np.eye(6)) for way in (1, -1))
     slopes = np.stack([(project(one) - project(other)).ravel() / (2 * _STEP)
                        for one, other in zip(ahead, behind, strict=True)], axis=1)
-    off = project(pose) - picture.corners
+    off = project(pose) - corners
     return pose, slopes, float(np.sqrt(np.square(off).sum(axis=1).mean()))
 
 
