@@ -138,4 +138,6 @@ def warn_of_errors(understated: float) -> None:
     if understated > CLEARLY_LARGER:
         _LOG.warning('the views agree on a pose if the errors of the camera poses are %.1f times '
                      'those stated, and the covariance allows for that: check the hand-eye '
-                     'transform and the size of the mesh, or state larger errors', understated)
+                     'transform (of a board: that it is flat), the calibration of the camera '
+                     '(focal length, distortion) and the size of the mesh, or state larger errors',
+                     understated)

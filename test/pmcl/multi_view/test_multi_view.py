@@ -560,6 +560,25 @@ def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
     assert 'too few features match between pictures to check the camera poses' in caplog.text
 
 
+def test_errors_that_are_stated_far_too_small_are_told_with_all_that_makes_them(context, caplog):
+    """As of a board, whose corners tell of their own errors only, or of an arm."""
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    evidence = maps_seen(context, CUP, truth, cameras)
+    tiny = replace(evidence, views=tuple(replace(each, sigma=(1e-4, 4e-4))
+                                         for each in evidence.views))
+    assert not found(CUP, tiny).lost
+    assert not caplog.text
+    estimate = found(CUP, seen_by_others(tiny, off(cameras, 1, 0.3)))
+    assert not estimate.lost
+    line, = caplog.messages
+    factor = re.search(r'errors of the camera poses are ([\d.]+) times those stated', line)
+    assert float(factor[1]) > CLEARLY_LARGER
+    for cause in ('hand-eye transform', 'a board: that it is flat', 'focal length, distortion',
+                  'size of the mesh'):
+        assert cause in line
+    assert CUP.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
+
+
 @pytest.mark.parametrize('factor', [1, 2, 4])
 def test_how_far_stated_errors_are_too_small_is_seen_where_views_tell_of_many_motions(factor):
     """Linear views of Gaussian errors: exactly known."""
