@@ -76,6 +76,8 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
         _refuse('with --no-robot there is no arm', 'fixed_camera', 'parent')
     refuse_existing([] if out is None else [out], force)
     board = Checkerboard.parse(corners, square)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
     section, comment = '/**/fixed_cameras', ''
     if no_robot:
         values = _at_board(source, board, shrink)

@@ -262,7 +262,7 @@ def taken(tmp_path_factory):
 
 def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path):
     folder, camera = taken
-    out = tmp_path / 'mount.yaml'
+    out = tmp_path / 'made' / 'by' / 'mount.yaml'
     result = CliRunner().invoke(main, ['handeye', str(folder), '--square', '0.02', '--parent',
                                        'wrist', '-o', str(out)])
     assert result.exit_code == 0, result.output
@@ -299,6 +299,15 @@ def test_the_residuals_of_a_picture_that_is_left_out_are_told(taken, tmp_path):
                       'does not fit the others', told.output)
     assert float(found[1]) < 1
     assert float(found[2]) == pytest.approx(50, abs=3)
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_work(taken, tmp_path):
+    (tmp_path / 'file').touch()
+    told = CliRunner().invoke(main, ['handeye', str(taken[0]), '--square', '0.02', '-o',
+                                     str(tmp_path / 'file' / 'mount.yaml')])
+    assert told.exit_code == 1
+    assert 'corners' not in told.output
+    assert told.output.splitlines() == [f'Error: {tmp_path / "file"}: File exists']
 
 
 def test_the_memory_for_one_picture_is_enough(taken, monkeypatch):
