@@ -40,7 +40,7 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.runtime.errors import CameraError, SettingsError
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 
 _INTERRUPTED = 130  # exit status, as of a shell's command
 _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors.png',
@@ -130,7 +130,7 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
                 files += [] if camera is None else list_pictures(camera[1])
                 used = settings(plan, {each.name: each for each in files} | given.mask_files,
                                 count, time.perf_counter() - started)
-                results.path('settings.json').write_text(json.dumps(used, indent=1) + '\n')
+                write_file(results.path('settings.json'), json.dumps(used, indent=1) + '\n')
     if stop.is_set():
         STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')
         raise SystemExit(_INTERRUPTED)
@@ -225,7 +225,7 @@ def _report(plan: TrialPlan, done: list[Trial], results: Results | None) -> None
     table = markdown(done)
     click.echo(table)
     if results is not None:
-        results.path('results.md').write_text(table + '\n')
+        write_file(results.path('results.md'), table + '\n')
         with TrialsFile(results.path('results.csv')) as file:
             for each in done:
                 file.add(each)

@@ -17,7 +17,8 @@ from pmcl_ros.lightfield.readers.read import pictures_alone
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import PmclError, SettingsError
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.resources import resolve
 
 
@@ -67,10 +68,7 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
         STDERR.print(f'no camera poses: the report is of {source.source} alone', markup=False,
                      soft_wrap=True)
     run, text = _localized(source, model, settings, truth)
-    try:
-        written.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
+    write_file(written, text)
     STDERR.print(run.in_reference.describe(), markup=False, soft_wrap=True)
     click.echo(out)
 

@@ -38,7 +38,7 @@ from pmcl_ros.evaluation.studies.view_gain import view_gain as in_one_scene
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
@@ -176,7 +176,7 @@ def _tabulate(run: Callable[[int], Done], seeds: range, processes: int, what: st
         done = sorted([*done, each], key=lambda one: one.seed)
         keep(each)
         if written is not None:
-            written.write_text(text(done) + '\n')
+            write_file(written, text(done) + '\n')
     click.echo(text(done))
 
 
@@ -290,5 +290,5 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
                                 recoveries([recovery(each) for each in played])])
             if results is not None:  # at once: a sequence takes minutes
                 write_png(results.path(f'track_{number:03d}.png'), picture(name, trials))
-                results.path('track.md').write_text(text + '\n')
+                write_file(results.path('track.md'), text + '\n')
     click.echo(text)

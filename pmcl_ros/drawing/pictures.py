@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.outputs import write_file
 
 if TYPE_CHECKING:  # they import trimesh and scipy, which who draws depth maps does not need
     from pmcl_ros.lightfield.posed_view import PosedView
@@ -145,12 +145,9 @@ def layers_picture(layers: Layers, near: float, far: float) -> NDArray[np.uint8]
 
 
 def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
-    """Write a picture; PmclError when that is impossible."""
+    """Write a picture; OutputError when that is impossible."""
     _, data = cv2.imencode('.png', picture[..., ::-1])
-    try:
-        Path(path).write_bytes(data.tobytes())
-    except OSError as error:
-        raise PmclError(f'cannot write {path}: {error.strerror or error}') from None
+    write_file(path, data.tobytes())
 
 
 def _colours(part: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -52,7 +52,7 @@ class SettingsError(PmclError):
 
 
 class OutputError(PmclError):
-    """A file that would be written is there already."""
+    """A file that would be written is there already, or cannot be written."""
 
 
 class CameraError(PmclError):

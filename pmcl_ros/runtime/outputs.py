@@ -21,6 +21,18 @@ def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
                               'overwrite it')
 
 
+def write_file(path: Path | str, content: str | bytes) -> None:
+    """Write a file of text, in UTF-8, or of bytes.
+
+    Raises OutputError, which names it, where that is impossible: its folder is missing, the disk
+    is full.
+    """
+    try:
+        Path(path).write_bytes(content.encode() if isinstance(content, str) else content)
+    except OSError as error:
+        raise OutputError(f'cannot write {path}: {error.strerror or error}') from None
+
+
 class Results:
     """What a command writes into a folder. It overwrites what it wrote in earlier runs only.
 

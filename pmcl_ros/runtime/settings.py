@@ -16,6 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_yaml_file
 
 T = TypeVar('T', bound='Settings')
@@ -138,15 +139,12 @@ class Settings(BaseModel):
     def save(self, path: Path | str, comment: str = '') -> None:
         """Write the YAML file that `load` reads, `comment` lines first.
 
-        Raises SettingsError when the file cannot be written.
+        Raises OutputError when the file cannot be written.
         """
         lines = ''.join(f'# {line}\n' for line in comment.splitlines())
         values = self.model_dump(mode='json')
         text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
-        try:
-            Path(path).write_text(lines + text, encoding='utf-8')
-        except OSError as error:
-            raise SettingsError(f'cannot write {path}: {error.strerror or error}') from None
+        write_file(path, lines + text)
 
 
 def read_yaml(path: Path | str) -> dict[str, Any]:

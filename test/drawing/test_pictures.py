@@ -17,7 +17,7 @@ from pmcl_ros.drawing.pictures import (
 )
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.errors import OutputError
 
 PINHOLE = Pinhole(120, 90, 200.0, 180.0, 58.2, 46.1)
 SIZE = np.array([0.1, 0.06, 0.04])
@@ -183,9 +183,9 @@ def test_a_png_holds_the_picture(tmp_path):
 
 def test_a_png_that_cannot_be_written_is_named(tmp_path):
     picture = np.zeros((2, 2, 3), np.uint8)
-    with pytest.raises(PmclError, match=r'cannot write .*none.picture\.png: No such file'):
+    with pytest.raises(OutputError, match=r'cannot write .*none.picture\.png: No such file'):
         write_png(tmp_path / 'none' / 'picture.png', picture)
-    with pytest.raises(PmclError, match=r'cannot write .*: Is a directory'):
+    with pytest.raises(OutputError, match=r'cannot write .*: Is a directory'):
         write_png(tmp_path, picture)
 
 

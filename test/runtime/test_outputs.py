@@ -6,7 +6,7 @@ import os
 import pytest
 
 from pmcl_ros.runtime.errors import FileError, OutputError
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 
 NOTE = '.pmcl_results.json'
 
@@ -45,6 +45,18 @@ def test_what_is_forced_is_its_own_also_where_it_is_the_same(tmp_path):
     os.utime(tmp_path / 'a.txt', (0, 0))
     write(tmp_path, 'result', force=True)
     write(tmp_path, 'result')
+
+
+def test_a_file_holds_what_is_written_and_one_that_cannot_be_written_is_named(tmp_path):
+    write_file(tmp_path / 'a.txt', 'Größe\n')
+    assert (tmp_path / 'a.txt').read_bytes() == 'Größe\n'.encode()
+    write_file(str(tmp_path / 'a.txt'), b'\0\xff')
+    assert (tmp_path / 'a.txt').read_bytes() == b'\0\xff'
+    for path, why in ((tmp_path / 'none' / 'a.txt', 'No such file or directory'),
+                      (tmp_path, 'Is a directory'), ('/dev/full', 'No space left on device')):
+        with pytest.raises(OutputError) as told:
+            write_file(path, 'text')
+        assert str(told.value) == f'cannot write {path}: {why}'
 
 
 @pytest.mark.parametrize('there', ['folder', 'link'])

@@ -12,7 +12,7 @@ from pmcl_ros.camera.sources import CameraSettings
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.decode import DecodeSettings
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import OutputError, SettingsError
 from pmcl_ros.runtime.settings import Settings, read_yaml
 
 
@@ -162,7 +162,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
         read_yaml(tmp_path / 'none.yaml')
     with pytest.raises(SettingsError, match=r'cannot read .*: Is a directory'):
         read_yaml(tmp_path)
-    with pytest.raises(SettingsError, match=r'cannot write .*none.yaml: No such file'):
+    with pytest.raises(OutputError, match=r'cannot write .*none.yaml: No such file'):
         Example().save(tmp_path / 'none' / 'none.yaml')
 
 

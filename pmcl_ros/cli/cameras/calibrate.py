@@ -19,7 +19,7 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.runtime.errors import CameraError
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.runtime.resources import cameras_folder
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
@@ -61,7 +61,7 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path 
     result = run_calibration(white, boards, board)
     result.calibration.save(out, summary(result))
     write_png(out.with_suffix('.png'), picture(result))
-    out.with_suffix('.json').write_text(json.dumps(numbers(result), indent=1) + '\n')
+    write_file(out.with_suffix('.json'), json.dumps(numbers(result), indent=1) + '\n')
     console = Console()
     for table in tables(result):
         console.print(table)

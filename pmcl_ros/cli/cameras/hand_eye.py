@@ -22,8 +22,8 @@ from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.runtime.errors import LightFieldError, PmclError
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
 _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
@@ -92,12 +92,9 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
         section, comment = '/**', ('# covariance: '
                                    f'{[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n')
     if out is not None:
-        try:
-            out.write_text(f'# pmcl handeye {source}\n' + yaml.safe_dump(
-                {section: {'ros__parameters': values}}, default_flow_style=None,
-                sort_keys=False) + comment)
-        except OSError as error:
-            raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
+        write_file(out, f'# pmcl handeye {source}\n' + yaml.safe_dump(
+            {section: {'ros__parameters': values}}, default_flow_style=None, sort_keys=False)
+            + comment)
 
 
 def _at_board(source: Path, board: Checkerboard, shrink: int) -> dict[str, object]:

@@ -15,7 +15,7 @@ from pmcl_ros.camera.lfp import LARGEST_RAW, Container, file_set, is_file_set
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.cli.base import FOLDER, FORCE, RAW
 from pmcl_ros.runtime.errors import CameraError
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 
 @click.group()
@@ -57,7 +57,7 @@ def unpack(file: Path, out: Path, only: str, force: bool) -> None:
         refuse_existing(paths, force)
         out.mkdir(parents=True, exist_ok=True)
         for path, reference in zip(paths, names.values(), strict=True):
-            path.write_bytes(container.component(reference, LARGEST_RAW))
+            write_file(path, container.component(reference, LARGEST_RAW))
     else:
         frame = read_raw_frame(file)
         out.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ from pmcl_ros.evaluation.feasibility.view_sets import ViewSet, view_sets
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.simulation.simulated_captures import Simulation, is_there, place_of, simulate
 
 _PLAN = 'arc:3:30'
@@ -87,7 +88,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
             trials[trial.mode].append(trial)
     about = simulated.about | {'seeds': f'{seed} to {seed + count - 1}'}
     study = Feasibility(model, about, sets, trials, Aim(millimetres, degrees, share), scenes)
-    written.write_text(page_of(study), encoding='utf-8')
+    write_file(written, page_of(study))
     click.echo(table(*study.table()))
     click.echo(f'\n{study.recommendation}')
     click.echo(written)

@@ -13,6 +13,7 @@ from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.simulation.lytro.camera import F01, F01_RAW
@@ -85,7 +86,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
              'pictures': f'{renderer}, {samples} samples of a pixel',
              'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}
-    written.write_text(page(
+    write_file(written, page(
         f'{name.capitalize()} out of a {place}', about, seen, given,
         [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
         series.pinhole, [series.water(each) for each in seeds]))

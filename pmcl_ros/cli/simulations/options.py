@@ -19,6 +19,7 @@ from pmcl_ros import __version__
 from pmcl_ros.cli.base import OBJECT, STDERR, with_options
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.described.object_description import load_object
@@ -189,7 +190,7 @@ class Simulated:
             if any(folder.glob('*/truth.json')):
                 raise SettingsError(f'{folder} has scenes of something else than pmcl simulate: '
                                     'choose another --out')
-            note.write_text(json.dumps(mine, indent=1) + '\n')
+            write_file(note, json.dumps(mine, indent=1) + '\n')
             return
         others = read_json(note)
         for name, value in mine.items():
