@@ -27,7 +27,8 @@ NAMES = [
     'light_field.yaml', 'views.yaml', 'sweep.yaml', 'bop', 'scene_gt.json', 'scene_gt_info.json',
     'targets', 'hci', 'cameras.txt', 'images.txt',
     'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth',
-    'sweep plan', 'camera plan', 'camera', 'collect', 'candidates', 'gripper', 'token',
+    'sweep plan', 'camera plan', 'camera', 'camera of ROS', 'collect', 'candidates',
+    'gripper', 'token',
     'parameters', 'appearance', 'labelled picture', 'contour_map.onnx', 'hand-eye',
     'learned contour', 'learned creases', 'learned contour_map', 'learned contour_map_evidence',
     'learned views']

@@ -41,8 +41,8 @@ OF_CAMERA = ('The white image is a picture of an evenly lit white surface, or th
              'of the camera (T1CALIB); pmcl calibrate makes the calibration: docs/howto/camera.md')
 OBJECT = Needed('An object is a mesh, or a YAML file that names one: docs/howto/object.md; pmcl '
                 'profile measures a vessel that has none')
-CAMERA = Needed('A camera is a YAML file with width, height, fx, cx, cy: '
-                'docs/howto/one_picture.md')
+CAMERA = Needed('A camera is a YAML file with width, height, fx, cx, cy, or the one that '
+                'camera_calibration of ROS writes: docs/howto/one_picture.md')
 TRUTH = Needed('pmcl scenes render and pmcl simulate make captures with a truth.json: '
                'docs/howto/scenes.md')
 _RAW = 'pmcl camera capture takes raw pictures, pmcl bag extract has those of a bag'

@@ -62,14 +62,12 @@ def lens_from(message: CameraInfo, rectified: bool) -> Lens:
     if not numbers[0, 0] > 0:
         raise MessageError('camera_info: the focal length is 0: calibrate the camera '
                            '(camera_calibration)')
-    fx, fy, cx, cy = (float(each) for each in numbers[[0, 1, 0, 1], [0, 1, 2, 2]])
     coefficients = () if rectified else tuple(float(each) for each in message.d)
     try:
-        pinhole = Pinhole(message.width, message.height, fx, fy, cx, cy)
-        if not any(coefficients):
-            return Lens(pinhole)
-        lens = Lens(pinhole, coefficients, message.distortion_model)
+        lens = Lens.from_matrix(message.width, message.height, numbers, coefficients,
+                                message.distortion_model)
     except PmclError as error:
         raise MessageError(f'camera_info: {error}') from None
-    warn_distorted(message.header.frame_id, lens)
+    if lens.distortion:
+        warn_distorted(message.header.frame_id, lens)
     return lens

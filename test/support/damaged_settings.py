@@ -50,6 +50,10 @@ def settings_formats(folder, bag):
     cameras = {'poses': [*poses['poses']], 'sigma_mm': 1.0, 'sigma_deg': 0.1, 'common': 0.5,
                'stated': True, 'hidden': 1}
     camera = {**CAMERA, 'distortion': [0.1, 0.01, 0.0, 0.0], 'noise': 0.01, 'blur': 0.5}
+    of_ros = {'image_width': 12, 'image_height': 9, 'distortion_model': 'plumb_bob', **{
+        name: {'rows': rows, 'cols': len(data) // rows, 'data': data} for name, rows, data in (
+            ('camera_matrix', 3, [20.0, 0.0, 5.5, 0.0, 21.0, 4.0, 0.0, 0.0, 1.0]),
+            ('distortion_coefficients', 1, [0.1, 0.01, 0.0, 0.0, 0.0]))}}
     collect = {'image_topic': '/wrist/image/compressed', 'pose_topic': '/camera_pose',
                'apart': 0.03, 'near': 0.3, 'sharpness': 0.5, 'mount_position': [0.0, 0, 0.1],
                'mount_rpy': [0.0, 0, 0]}
@@ -58,6 +62,7 @@ def settings_formats(folder, bag):
         'sweep plan': at(folder, 'plan.yaml', dump(plan), SweepPlan.load),
         'camera plan': at(folder, 'cameras.yaml', dump(cameras), placed),
         'camera': at(folder, 'camera.yaml', dump(camera), drawn),
+        'camera of ROS': at(folder, 'ost.yaml', dump(of_ros), drawn),
         'collect': at(bag, 'collect.yaml', dump(collect), lambda path: GivenSource(
             bag, collect=path).open().read()),
         'candidates': at(folder, 'poses.yaml', dump(poses), lambda path: ViewPlan.load(

@@ -3,7 +3,7 @@
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import cv2
 import numpy as np
@@ -49,6 +49,19 @@ class Lens:
                 f'{self.model} distortion {list(self.distortion)} has {len(self.distortion)} '
                 f'coefficients; expected {" or ".join(map(str, _COUNTS[self.model]))} numbers'
                 + ''.join(f'; so many are of {name}' for name in others))
+
+    @classmethod
+    def from_matrix(cls, width: int, height: int, matrix: NDArray[np.float64],
+                    distortion: tuple[float, ...], model: str) -> 'Lens':
+        """Of a camera matrix (3, 3) and pictures of a size [px], as ROS tells them.
+
+        Coefficients that are all 0 are none, whatever their model.
+        """
+        fx, fy, cx, cy = (float(each) for each in matrix[[0, 1, 0, 1], [0, 1, 2, 2]])
+        pinhole = Pinhole(width, height, fx, fy, cx, cy)
+        if not any(distortion):
+            return cls(pinhole)
+        return cls(pinhole, distortion, cast(DistortionModel, model))  # which is checked there
 
     def places(self, turn: NDArray[np.float64], wanted: Pinhole
                ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
