@@ -14,6 +14,7 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
+from pmcl_ros.pmcl.multi_view.exchange import exchanged_views
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
@@ -105,26 +106,40 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, used = second_hypothesis(evidence, first, lambda views: self._localized(
                 views, rng, ending, replace(request, also=first.modes)))
-        if (self._numbers is None and not found.estimate.lost and warn_of_exchange(
-                evidence, [each.number for each in found.fits], found.estimate.hidden)):
-            found = replace(first, estimate=replace(first.estimate, lost=True))
-            used = evidence
+        if (exchanged := self._exchanged(evidence, found)) is not None:
+            warn_of_exchange(exchanged)
+            return replace(first.estimate, lost=True)
         return self._told(evidence, len(first.fits), found, used)
 
     def localize_near(self, evidence: ViewsEvidence, rng: np.random.Generator,
                       near: NDArray[np.float64], progress: Progress | None = None,
                       watch: Watch | None = None) -> PoseEstimate:
-        """As `localize`, near poses (k, 4, 4) by fewer views alone, in the reference frame."""
+        """As `localize`, near poses (k, 4, 4) by fewer views alone, in the reference frame.
+
+        The log says nothing of an object that is lost: it may be elsewhere in the region.
+        """
         found = self._localized(evidence, rng, Stages(progress or (lambda _: True)),
                                 _Request(watch=watch, near=near))
+        if found.estimate.lost or self._exchanged(evidence, found) is not None:
+            return replace(found.estimate, lost=True)
         return self._told(evidence, len(found.fits), found, evidence)
 
     def candidate(self, evidence: ViewsEvidence, rng: np.random.Generator, progress: Progress,
                   others: OtherObjects) -> PoseEstimate:
-        """As `localize`, of an object that other evidence judges: this says no more about it."""
+        """As `localize`, of an object that other evidence judges: this says no more about it.
+
+        That pictures were exchanged is left to the judge, too.
+        """
         found = self._localized(evidence, rng, Stages(progress), _Request(others=others))
         warn_of_unused(evidence, self._settings.roi_center, len(found.fits), found.estimate.lost)
         return found.estimate
+
+    def _exchanged(self, evidence: ViewsEvidence, found: Found) -> tuple[int, int] | None:
+        """The two views whose pictures were exchanged, which makes what was found wrong."""
+        if self._numbers is not None or found.estimate.lost:
+            return None
+        return exchanged_views(evidence, [each.number for each in found.fits],
+                               found.estimate.hidden)
 
     def _told(self, evidence: ViewsEvidence, seen: int, found: Found, used: ViewsEvidence
               ) -> PoseEstimate:
@@ -132,6 +147,8 @@ class MultiViewLocalizer(Closing):
 
         seen: views of the evidence that see the region. used: evidence that it was found in.
         """
+        for line in found.how:
+            _LOG.warning('%s', line)
         lost, pictures = found.estimate.lost, evidence.pictures
         windows = self._windows(pictures) if lost and pictures is not None else {}
         seen = max(seen, len(windows))  # a picture of one colour sees it too

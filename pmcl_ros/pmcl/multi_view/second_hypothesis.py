@@ -37,7 +37,8 @@ class Found:
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
     reference frame. shown: views that show a lost object (`shown_in`). understated: factor
-    by which stated errors of the cameras' poses are too small.
+    by which stated errors of the cameras' poses are too small. how: warnings of how it was found,
+    for the log unless it is lost for another reason.
     """
 
     estimate: PoseEstimate
@@ -45,6 +46,7 @@ class Found:
     modes: NDArray[np.float64]
     shown: tuple[int, ...]
     understated: float
+    how: tuple[str, ...] = ()
 
 
 _Search = Callable[[ViewsEvidence], Found]
@@ -52,13 +54,18 @@ _Search = Callable[[ViewsEvidence], Found]
 
 def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
                       ) -> tuple[Found, ViewsEvidence]:
-    """What a search finds in place of a lost object, and in which views. The log tells why.
+    """What a search finds in place of a lost object, and in which views.
+
+    Of one that stays lost the log tells why, of another one `Found.how`.
 
     The cameras of views that show the object, where others do not, are checked too.
     """
     found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
     hidden = found.estimate.hidden
-    found, rest = _cameras_off(rest, found, search) or (found, rest)
+    if (by_others := _cameras_off(rest, found, search)) is not None:
+        how = found.how
+        found, rest = by_others
+        found = replace(found, how=how + found.how)
     scale = found.estimate.camera_scale
     if found.estimate.lost and scale is not None and scale.is_clear:
         _ask_scale(rest, found.estimate, scale, search)
@@ -114,11 +121,10 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
                      'picture with its own camera pose, or has the object moved?',
                      ', '.join(map(str, clear)))
         return None
-    _LOG.warning('found without views %s, which do not show it there: is something before the '
-                 "object, has it moved, is the picture blurred or dark, or is the camera's pose "
-                 'wrong, or of another time?',
-                 ', '.join(map(str, hidden)))
-    return replace(found, estimate=replace(found.estimate, hidden=hidden)), rest
+    line = (f'found without views {", ".join(map(str, hidden))}, which do not show it there: is '
+            'something before the object, has it moved, is the picture blurred or dark, or is the '
+            "camera's pose wrong, or of another time?")
+    return replace(found, estimate=replace(found.estimate, hidden=hidden), how=(line,)), rest
 
 
 def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
@@ -149,12 +155,11 @@ def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[
     if found.estimate.lost:  # nothing says that these poses are better: patterns can repeat
         return None
     position, rotation = adjusted.off
-    _LOG.warning(
-        'found with camera poses that fit the surroundings, up to %.1f mm and %.1f degrees off '
-        'those reported: matches in the pictures are %.1f px apart with these, %.1f px with '
-        f'the others; {_ADVICE}', 1e3 * position, np.rad2deg(rotation), adjusted.before,
-        adjusted.after)
-    return _with_cameras(found, cameras), fitting
+    return _with_cameras(
+        found, cameras, f'found with camera poses that fit the surroundings, up to '
+        f'{1e3 * position:.1f} mm and {np.rad2deg(rotation):.1f} degrees off those reported: '
+        f'matches in the pictures are {adjusted.before:.1f} px apart with these, '
+        f'{adjusted.after:.1f} px with the others; {_ADVICE}'), fitting
 
 
 def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
@@ -214,9 +219,8 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
         _LOG.warning('lost with camera poses that are exact, found if they are off by more than '
                      '%s: %s; %s%s', off, _ADVICE, _OF_OBJECT, smaller)
         return None
-    _LOG.warning('found with camera poses that may be off by %s; lost with exact ones: %s; %s',
-                 off, _ADVICE, _OF_OBJECT)
-    return _with_cameras(found, cameras), loose
+    return _with_cameras(found, cameras, f'found with camera poses that may be off by {off}; lost '
+                         f'with exact ones: {_ADVICE}; {_OF_OBJECT}'), loose
 
 
 def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, search: _Search
@@ -230,6 +234,7 @@ def _ask_scale(evidence: ViewsEvidence, lost: PoseEstimate, scale: CameraScale, 
         _LOG.warning('lost, and found with %s: %s', scale.describe(), SCALE_ADVICE)
 
 
-def _with_cameras(found: Found, cameras: AssumedCameras) -> Found:
-    """Found with cameras of which the log tells; no errors of theirs are stated."""
-    return replace(found, estimate=replace(found.estimate, cameras=cameras), understated=1.0)
+def _with_cameras(found: Found, cameras: AssumedCameras, how: str) -> Found:
+    """Found with cameras of which `how` tells; no errors of theirs are stated."""
+    return replace(found, estimate=replace(found.estimate, cameras=cameras), understated=1.0,
+                   how=(how,))

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.exchanged_pictures import exchanged_pictures
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
@@ -16,8 +15,6 @@ from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.render.scene import Window
 
 _LOG = logging.getLogger(__name__)
-_FEW = 2  # views that agree on a wrong pose even if one of them was exchanged with another one
-_ON_ARC = 3  # that do if those at the ends were exchanged: it is seen in the middle of the third
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
 SCALE_ADVICE = ('check the scale of their poses, the size of the mesh, the focal length, and '
                 'whether the object moved')
@@ -91,22 +88,10 @@ def warn_of_pictures(views: Sequence[PosedView], windows: Mapping[int, Window],
         _LOG.warning('lost, and %s', each)
 
 
-def warn_of_exchange(evidence: ViewsEvidence, shown: Sequence[int], hidden: Sequence[int]) -> bool:
-    """Warn where what is around an object tells that two pictures were exchanged; it is then lost.
-
-    Returns whether it did. That is asked where few views show the object, or others do not: more
-    views contradict the pose. shown, hidden: numbers of the views that show it, and do not.
-    """
-    if len(evidence.views) < 2 or (len(shown) > _ON_ARC and not hidden):
-        return False
-    among = range(len(evidence.views)) if len(shown) <= _FEW else shown
-    pictures = evidence.pictures
-    exchanged = None if pictures is None else exchanged_pictures(pictures)
-    if exchanged is None or not set(exchanged) <= set(among):
-        return False
+def warn_of_exchange(exchanged: tuple[int, int]) -> None:
+    """Warn of two views of a lost object whose pictures were exchanged."""
     _LOG.warning('lost: what is around the object fits the camera poses only if those of views %d '
                  'and %d are exchanged; is each picture with its own pose?', *exchanged)
-    return True
 
 
 def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:

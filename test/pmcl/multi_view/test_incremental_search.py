@@ -8,7 +8,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pmcl_scenes import CAMERA
-from test_multi_view import BRACKET, CUP, around, error, found, maps_seen, settings, truth_of
+from test_multi_view import (
+    BRACKET,
+    CUP,
+    around,
+    error,
+    found,
+    maps_seen,
+    settings,
+    truth_of,
+    two_exchanged,
+)
 
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.modes import ambiguous_poses
@@ -109,6 +119,24 @@ def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search
     assert error(CUP, estimate.pose, elsewhere)[0] < 1
     assert ('searched with views added (2) from the last pose, where it is not: searching the '
             'region of interest') in caplog.messages
+
+
+def test_views_that_were_exchanged_are_told_where_they_come_one_by_one(context, localizer, caplog):
+    """Near the pose by the first alone the rays of both meet, at a wrong place."""
+    evidence, truth, _ = two_exchanged(context)
+    blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    searches = []
+    for each in (blind, evidence):
+        search, rng = IncrementalSearch(localizer), np.random.default_rng(0)
+        assert not search.localize(first(each, 1), rng).lost
+        caplog.clear()
+        searches.append(search.localize(first(each, 2), rng))
+    claimed, estimate = searches
+    assert not claimed.lost
+    assert error(CUP, claimed.pose, truth)[0] > 5
+    assert estimate.lost
+    line, = caplog.messages
+    assert 'those of views 0 and 1 are exchanged' in line
 
 
 @pytest.mark.parametrize(('model', 'hopeless'), [(CUP, False), (BRACKET, True)],
