@@ -1,7 +1,6 @@
 """ViewsEvidence -> PoseEstimate: one object in several posed views, in their reference frame."""
 
 import contextlib
-import logging
 import math
 from dataclasses import dataclass, replace
 
@@ -10,45 +9,34 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.exchange import exchanged_views
+from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
+from pmcl_ros.pmcl.multi_view.joint_proposals import JointProposals
 from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
-from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
+from pmcl_ros.pmcl.multi_view.second_hypothesis import second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.multi_view.view_warnings import (
-    warn_of_disagreement,
-    warn_of_errors,
     warn_of_exchange,
-    warn_of_pictures,
-    warn_of_region,
-    warn_of_scale,
     warn_of_unused,
+    warn_of_views,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
-from pmcl_ros.pmcl.prior.region import regions_before
-from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
-from pmcl_ros.pmcl.render.scene import Window
-from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Stages
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.closing import Closing
-from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
-
-_LOG = logging.getLogger(__name__)
-_PROPOSING = 2  # views whose proposals are refined: as far apart as possible
 
 
 @dataclass(frozen=True)
@@ -78,7 +66,7 @@ class MultiViewLocalizer(Closing):
         self.model, self._settings, self._numbers = model, settings, numbers
         self._renderer = NumbaRenderer()
         self.renderer = self._renderer.name
-        self._proposals: Proposals | None = None
+        self._proposals = JointProposals(model, self._renderer, settings.proposals)
         if numbers is None and settings.evidence != 'edges':
             # A broken file is an error here, not at the first views.
             learned_map_evidence()
@@ -138,8 +126,7 @@ class MultiViewLocalizer(Closing):
         """The two views whose pictures were exchanged, which makes what was found wrong."""
         if self._numbers is not None or found.estimate.lost:
             return None
-        return exchanged_views(evidence, [each.number for each in found.fits],
-                               found.estimate.hidden)
+        return exchanged_views(evidence, found)
 
     def _told(self, evidence: ViewsEvidence, seen: int, found: Found, used: ViewsEvidence
               ) -> PoseEstimate:
@@ -147,33 +134,11 @@ class MultiViewLocalizer(Closing):
 
         seen: views of the evidence that see the region. used: evidence that it was found in.
         """
-        for line in found.how:
-            _LOG.warning('%s', line)
-        lost, pictures = found.estimate.lost, evidence.pictures
-        windows = self._windows(pictures) if lost and pictures is not None else {}
-        seen = max(seen, len(windows))  # a picture of one colour sees it too
-        told = warn_of_unused(evidence, self._settings.roi_center, seen, lost)
         if self._numbers is not None:  # they are being learned
+            warn_of_unused(evidence, self._settings.roi_center, seen, found.estimate.lost)
             return found.estimate
-        if lost and not told:
-            warn_of_region(evidence, self._settings.roi_center, self._settings.roi_size,
-                           self.model.radius)
-        if windows and pictures is not None:
-            warn_of_pictures(pictures.views, windows, self._settings.roi_center)
-        warn_of_disagreement(found.fits, found.estimate.least_evidence)
-        if not lost:
-            warn_of_errors(found.understated)
-            if found.estimate.camera_scale is not None:
-                warn_of_scale(found.estimate.camera_scale)
+        warn_of_views(evidence, seen, found, self.model, self._settings)
         return with_surface(found.estimate, used, self.model, self._settings)
-
-    def _windows(self, pictures: PosedViews) -> dict[int, Window]:
-        """What the object can cover of each picture that sees the region, by its number."""
-        cameras = [(each.pinhole, each.camera_to_reference) for each in pictures.views]
-        seen = regions_before(cameras, self._settings, self.model.radius,
-                              pictures.header.frame_id)
-        return {number: region.window(cameras[number][0], self.model.radius)
-                for number, region in seen.items()}
 
     def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
                  ) -> dict[int, ContourPoints]:
@@ -236,7 +201,8 @@ class MultiViewLocalizer(Closing):
 
     def _begin(self, joint: JointEvidence, request: _Request) -> NDArray[np.float64]:
         """(k, 4, 4) where the search begins, in the frame of the first camera."""
-        begin = self._proposed(joint) if request.start is None else joint.seen(request.start)
+        begin = (self._proposals.propose(joint) if request.start is None
+                 else joint.seen(request.start))
         if request.also is not None:
             begin = np.concatenate([begin, joint.seen(request.also)])
         if request.watch is not None:
@@ -347,30 +313,3 @@ class MultiViewLocalizer(Closing):
         with contextlib.ExitStack() as stack:
             posterior = self._posterior(joint, stack)
             return np.array([posterior.evidence_at(each) for each in joint.seen(poses)])
-
-    def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
-        """(k, 4, 4) proposals of some views, in the frame of the first.
-
-        Raises LocalizationError where the object is out of view in all.
-        """
-        found: list[NDArray[np.float64]] = []
-        first = joint.spread(_PROPOSING)
-        for number in first + [each for each in range(len(joint.views)) if each not in first]:
-            view = joint.views[number]
-            if self._proposals is None:
-                self._proposals = Proposals(self._renderer, self.model, view.region)
-            try:
-                poses, _ = self._proposals.within(view.region).propose(
-                    view.volume, self._settings.proposals, view.orientation)
-            except LocalizationError as error:
-                _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
-                continue
-            found.append(joint.cameras[number] @ with_sunken(poses, self.model, view.interface))
-            if len(found) == _PROPOSING:
-                break
-        if not found:
-            raise LocalizationError('the object is out of view in all views, wherever in the '
-                                    'region of interest it is; are poses and region right?')
-        poses = np.concatenate(found)
-        inside = poses[joint.feasible(poses)]
-        return inside if len(inside) else poses

@@ -5,10 +5,9 @@ Something hides it in some of them, or the cameras' poses are not what was repor
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, pair_fits
@@ -16,6 +15,7 @@ from pmcl_ros.lightfield.features import MATCHED, Features, features_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, CameraScale
+from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.multi_view.view_warnings import SCALE_ADVICE
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
@@ -29,26 +29,6 @@ _SCALE = 0.01  # share by which their distances, or the mesh, are then taken to 
 _MOST_OFF = 3.0  # times as much: of an arm that is not good; by more, something else is wrong
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 _SAME = 1e-9  # m: poses that are equal
-
-
-@dataclass(frozen=True)
-class Found:
-    """What a search found.
-
-    estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show a lost object (`shown_in`). understated: factor
-    by which stated errors of the cameras' poses are too small. how: warnings of how it was found,
-    for the log unless it is lost for another reason.
-    """
-
-    estimate: PoseEstimate
-    fits: Sequence[ViewFit]
-    modes: NDArray[np.float64]
-    shown: tuple[int, ...]
-    understated: float
-    how: tuple[str, ...] = ()
-
-
 _Search = Callable[[ViewsEvidence], Found]
 
 

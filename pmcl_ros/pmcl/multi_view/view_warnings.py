@@ -7,18 +7,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
+from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
+from pmcl_ros.pmcl.prior.region import regions_before
 from pmcl_ros.pmcl.render.scene import Window
+from pmcl_ros.pmcl.settings import PmclSettings
 
 _LOG = logging.getLogger(__name__)
 _PARALLEL = 0.005  # least mean square sine between axes that meet somewhere: two 8 degrees apart
 SCALE_ADVICE = ('check the scale of their poses, the size of the mesh, the focal length, and '
                 'whether the object moved')
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
+
+
+def warn_of_views(evidence: ViewsEvidence, seen: int, found: Found, model: ObjectModel,
+                  settings: PmclSettings) -> None:
+    """Warn of all that looks wrong with the views in which something was found, or is lost.
+
+    seen: number of views of the evidence that see the region of interest.
+    """
+    for line in found.how:
+        _LOG.warning('%s', line)
+    lost, pictures = found.estimate.lost, evidence.pictures
+    windows = _windows(pictures, model, settings) if lost and pictures is not None else {}
+    seen = max(seen, len(windows))  # a picture of one colour sees it too
+    told = warn_of_unused(evidence, settings.roi_center, seen, lost)
+    if lost and not told:
+        warn_of_region(evidence, settings.roi_center, settings.roi_size, model.radius)
+    if windows and pictures is not None:
+        warn_of_pictures(pictures.views, windows, settings.roi_center)
+    warn_of_disagreement(found.fits, found.estimate.least_evidence)
+    if not lost:
+        warn_of_errors(found.understated)
+        if found.estimate.camera_scale is not None:
+            warn_of_scale(found.estimate.camera_scale)
+
+
+def _windows(pictures: PosedViews, model: ObjectModel, settings: PmclSettings
+             ) -> dict[int, Window]:
+    """What the object can cover of each picture that sees the region, by its number."""
+    cameras = [(each.pinhole, each.camera_to_reference) for each in pictures.views]
+    seen = regions_before(cameras, settings, model.radius, pictures.header.frame_id)
+    return {number: region.window(cameras[number][0], model.radius)
+            for number, region in seen.items()}
 
 
 def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], used: int,

@@ -27,12 +27,13 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, understated
+from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import next_views, position_sigma
-from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
+from pmcl_ros.pmcl.multi_view.second_hypothesis import second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_region
 from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
