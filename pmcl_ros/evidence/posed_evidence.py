@@ -12,6 +12,8 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
 
+_SHOWS = 0.25  # px: contours are seldom known better
+
 
 @dataclass(frozen=True)
 class PosedEvidence:
@@ -27,6 +29,13 @@ class PosedEvidence:
     common: float = 1.0
     drift: float = 0.0
     view: PosedView | None = None
+
+    @property
+    def pixels_off(self) -> float:
+        """By how far the stated errors move what it shows [px]."""
+        position, rotation = self.sigma
+        depth = float(self.evidence.depths[len(self.evidence.depths) // 2])
+        return self.evidence.pinhole.fx * (position / depth + rotation)
 
 
 @dataclass(frozen=True)
@@ -85,8 +94,8 @@ class ViewsEvidence:
 
     @property
     def are_exact(self) -> bool:
-        """Whether the cameras' poses count as exact."""
-        return self.errors is None and not any(any(each.sigma) or each.drift
+        """Whether the cameras' poses count as exact: no errors are stated that would show."""
+        return self.errors is None and not any(each.pixels_off > _SHOWS or each.drift
                                                for each in self.views)
 
     @property

@@ -25,8 +25,8 @@ from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, fit_intrin
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
-from pmcl_ros.runtime.errors import LightFieldError, PmclError
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes many seconds
@@ -49,7 +49,7 @@ def board(corners: str | None, ring: str | None, square: float, out: Path, force
     drawn = board_of(corners, ring, square).svg
     refuse_existing([out], force)
     out.parent.mkdir(parents=True, exist_ok=True)
-    _write(out, drawn)
+    write_file(out, drawn)
 
 
 @click.command('calibrate-camera')
@@ -135,17 +135,10 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
         click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '
                    f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
-    _write(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
+    write_file(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
            + yaml.safe_dump(
                {'reference': listed.reference, 'cameras': cameras, 'views': views},
                default_flow_style=None, sort_keys=False))
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text)
-    except OSError as error:
-        raise PmclError(f'cannot write {path}: {error.strerror or error}') from None
 
 
 def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 from rich.progress import track
 
-from pmcl_ros.cli.base import STDERR
+from pmcl_ros.cli.base import STDERR, with_options
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
@@ -19,19 +19,18 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
 Board = Checkerboard | CharucoRing
+RING = click.option('--ring', metavar='COLUMNSxROWS', help='In place of --corners: squares along '
+                    'the sides of a ring of markers, as 8x11. An object may stand in its middle.')
 _OPTIONS = (
     click.option('--corners', metavar='COLUMNSxROWS', help='Inner corners of the checkerboard, as '
                  '10x7; one number odd, the other even.'),
-    click.option('--ring', metavar='COLUMNSxROWS', help='In place of --corners: squares along the '
-                 'sides of a ring of markers, as 8x11. The object stands in its middle.'),
+    RING,
     click.option('--square', required=True, type=float, help='Side of its squares [m].'))
 
 
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """--corners, --ring and --square, as `board_of` reads them."""
-    for each in reversed(_OPTIONS):
-        command = each(command)
-    return command
+    return with_options(_OPTIONS, command)
 
 
 def board_of(corners: str | None, ring: str | None, square: float) -> Board:

@@ -13,9 +13,15 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli.base import FORCE, STDERR, Needed
-from pmcl_ros.cli.cameras.board_pictures import RestingCameras, boards_in, check_one
+from pmcl_ros.cli.cameras.board_pictures import (
+    RING,
+    Board,
+    RestingCameras,
+    board_of,
+    boards_in,
+    check_one,
+)
 from pmcl_ros.geometry.se3 import local
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
@@ -34,6 +40,7 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
     'SOURCE is a views.yaml with mount_to_base: docs/howto/hand_eye.md', folder=True))
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Inner corners of the checkerboard; one number odd, the other even.')
+@RING
 @click.option('--square', default=0.011, show_default=True, type=float,
               help='Side of its squares [m].')
 @click.option('--fixed-camera', is_flag=True, help='The camera stands beside the arm, and the '
@@ -51,10 +58,10 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
               'sweep_driver and grasp_node, with the covariance in a comment; of several fixed '
               'cameras one for fixed_cameras.')
 @FORCE
-def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, no_robot: bool,
-            parent: str, shrink: int, simulate: int | None, out: Path | None, force: bool
-            ) -> None:
-    """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a checkerboard.
+def handeye(source: Path | None, corners: str, ring: str | None, square: float,
+            fixed_camera: bool, no_robot: bool, parent: str, shrink: int, simulate: int | None,
+            out: Path | None, force: bool) -> None:
+    """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a printed board.
 
     SOURCE is a views.yaml, or the folder with it, whose views have `mount_to_base` in place of
     `camera_to_reference`: the pose of the link, 16 numbers; with --no-robot neither. With sigma_mm
@@ -64,7 +71,8 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
     """
     if simulate is not None:
         _refuse('--simulate is in place of SOURCE and all that is said of it, and writes nothing',
-                'source', 'corners', 'square', 'no_robot', 'parent', 'shrink', 'out', 'force')
+                'source', 'corners', 'ring', 'square', 'no_robot', 'parent', 'shrink', 'out',
+                'force')
         _simulate(simulate, fixed_camera)
         return
     if source is None:
@@ -75,7 +83,9 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
     if no_robot:
         _refuse('with --no-robot there is no arm', 'fixed_camera', 'parent')
     refuse_existing([] if out is None else [out], force)
-    board = Checkerboard.parse(corners, square)
+    if ring is not None:
+        _refuse('--ring is in place of --corners', 'corners')
+    board = board_of(corners if ring is None else None, ring, square)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
     section, comment = '/**/fixed_cameras', ''
@@ -97,7 +107,7 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
             + comment)
 
 
-def _at_board(source: Path, board: Checkerboard, shrink: int) -> dict[str, object]:
+def _at_board(source: Path, board: Board, shrink: int) -> dict[str, object]:
     """Parameters of fixed_cameras in the frame of the board; printed."""
     frame, placed = cameras_at_board(source, board, shrink)
     for name, each in placed.items():
@@ -108,7 +118,7 @@ def _at_board(source: Path, board: Checkerboard, shrink: int) -> dict[str, objec
     return {'fixed_frame': frame} | _mounts(placed)
 
 
-def _beside_arm(cameras: Mapping[str, tuple[posed_views.ViewsFile, Path]], board: Checkerboard,
+def _beside_arm(cameras: Mapping[str, tuple[posed_views.ViewsFile, Path]], board: Board,
                 shrink: int) -> dict[str, object]:
     """Parameters of fixed_cameras in the base of the arm; printed."""
     found = {}
@@ -168,7 +178,7 @@ def each_camera(source: Path) -> dict[str, tuple[posed_views.ViewsFile, Path]]:
     return {name: (of, path) for name, of in _of_each(posed_views.ViewsFile.load(path)).items()}
 
 
-def cameras_at_board(source: Path, board: Checkerboard, shrink: int = 1
+def cameras_at_board(source: Path, board: Board, shrink: int = 1
                      ) -> tuple[str, dict[str, CameraAtBoard]]:
     """The name of the board's frame, and of each camera, by its name, where it is.
 
@@ -186,9 +196,8 @@ def cameras_at_board(source: Path, board: Checkerboard, shrink: int = 1
         files = ', '.join(view.file for view in each.views)
         if not seen:
             raise LightFieldError(
-                f'{path}: no complete board of {board.columns}x{board.rows} inner corners in the '
-                f'pictures of {name} ({files}): are --corners its numbers, and is all of it in '
-                'view?')
+                f'{path}: no board of {board.options} in the pictures of {name} ({files}): are '
+                'these its numbers, and is it in view?')
         pinhole = reduction.pinhole(of.cameras[name].pinhole)
         try:
             found[name] = camera_at_board(seen, board.points, pinhole)
@@ -197,13 +206,13 @@ def cameras_at_board(source: Path, board: Checkerboard, shrink: int = 1
     return of.reference if 'reference' in of.model_fields_set else 'board', found
 
 
-def calibrated(source: Path, board: Checkerboard, fixed_camera: bool, shrink: int = 1) -> HandEye:
+def calibrated(source: Path, board: Board, fixed_camera: bool, shrink: int = 1) -> HandEye:
     """Read the pictures and fit. Raises LightFieldError, SettingsError."""
     path = _views_path(source)
     return _calibrated(posed_views.ViewsFile.load(path), path, board, fixed_camera, shrink)
 
 
-def _calibrated(of: posed_views.ViewsFile, path: Path, board: Checkerboard, fixed_camera: bool,
+def _calibrated(of: posed_views.ViewsFile, path: Path, board: Board, fixed_camera: bool,
                 shrink: int) -> HandEye:
     reduction = Reduction(1, shrink)
     without = [each.file for each in of.views if each.mount_to_base is None]

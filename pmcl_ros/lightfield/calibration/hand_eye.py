@@ -42,8 +42,8 @@ _BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # what `_bo
 class BoardPicture:
     """The corners of a board in one picture, and the arm's pose.
 
-    corners: (m, 2) px, without distortion; NaN: not seen. mount_to_base: (4, 4), of the link with the camera, or
-    with the board where the camera stands beside the arm.
+    corners: (m, 2) px, without distortion; NaN: not seen. mount_to_base: (4, 4), of the link with
+    the camera, or with the board where the camera stands beside the arm.
     """
 
     name: str

@@ -9,11 +9,13 @@ import yaml
 from click.testing import CliRunner
 from painted_boards import picture_of_board
 from scipy import stats
+from scipy.spatial.transform import Rotation
 from test_hand_eye import BOARD
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, transform
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
@@ -86,16 +88,18 @@ def test_a_board_that_moved_is_refused():
         camera_at_board(seen, BOARD.points, pinhole)
 
 
-@pytest.fixture(scope='module')
-def taken(tmp_path_factory):
-    """A folder of pictures of a board by two cameras."""
-    folder, views = tmp_path_factory.mktemp('board'), []
-    for name, pose in SEEN.items():
+def photographed(folder, board, poses, hides=0):
+    """A folder of pictures of a board by two cameras; hides: so many px in the middle."""
+    views = []
+    for name, pose in poses.items():
         for number in range(2):
             file = f'{name}{number}.png'
             noise = np.random.default_rng(number).normal(0, 2, (PINHOLES[name].height,
                                                                 PINHOLES[name].width))
-            picture = picture_of_board(BOARD, pose, PINHOLES[name]) + noise
+            picture = picture_of_board(board, pose, PINHOLES[name]) + noise
+            if hides:
+                x, y = np.rint(PINHOLES[name].project(pose[:3, 3])).astype(int)
+                picture[y - hides:y + hides // 4, x - hides // 4:x + hides // 4] = 90
             cv2.imwrite(str(folder / file), np.clip(picture, 0, 255).astype(np.uint8))
             views.append({'file': file, 'camera': name})
     cameras = {name: {'fx': each.fx, 'cx': each.cx, 'cy': each.cy, 'width': each.width,
@@ -104,13 +108,38 @@ def taken(tmp_path_factory):
     return folder
 
 
-def handeye(*arguments):
-    return CliRunner().invoke(main, ['handeye', *map(str, arguments), '--square', '0.02'])
+@pytest.fixture(scope='module')
+def taken(tmp_path_factory):
+    return photographed(tmp_path_factory.mktemp('board'), BOARD, SEEN)
+
+
+def handeye(*arguments, square=0.02):
+    return CliRunner().invoke(main, ['handeye', *map(str, arguments), '--square', str(square)])
 
 
 def test_the_command_writes_what_fixed_cameras_takes(taken, tmp_path):
-    out = tmp_path / 'cameras.yaml'
-    result = handeye(taken, '--no-robot', '-o', out)
+    check_cameras(taken, tmp_path, SEEN)
+
+
+@pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
+                    reason='OpenCV before 4.7')
+def test_fixed_cameras_may_see_a_ring_that_something_hides_in_part(tmp_path):
+    ring = CharucoRing(6, 8, 0.03)
+    poses = {name: pose_of(turn, [0.01, 0, 0.5]) for name, turn in (
+        ('left', Rotation.from_euler('xz', [150, 20], degrees=True)),
+        ('right', Rotation.from_euler('xyz', [-150, 5, 170], degrees=True)))}
+    folder = photographed(tmp_path, ring, poses, hides=200)
+    whole = ring.seen(cv2.imread(str(folder / 'left0.png'), cv2.IMREAD_GRAYSCALE))
+    assert 8 < np.isfinite(whole[:, 0]).sum() < len(ring.points)
+    check_cameras(folder, tmp_path, poses, '--ring', '6x8', square=0.03)
+    result = handeye(folder, '--no-robot', '--ring', '6x8', '--corners', '10x7')
+    assert '--ring is in place of --corners: leave out --corners' in result.output
+
+
+def check_cameras(taken, folder, poses, *more, square=0.02):
+    """The command places the cameras, and tells the right errors."""
+    out = folder / 'cameras.yaml'
+    result = handeye(taken, '--no-robot', '-o', out, *more, square=square)
     assert result.exit_code == 0, result.output
     assert result.output.count('.png: corners 0.') == 4
     assert result.output.count('camera in board: ') == 2
@@ -119,7 +148,8 @@ def test_the_command_writes_what_fixed_cameras_takes(taken, tmp_path):
     settings = FixedCameraSettings.make(written['/**/fixed_cameras']['ros__parameters'])
     assert settings.cameras == ('left', 'right')
     assert settings.fixed_frame == 'board'
-    for mount, pose in zip(np.reshape(settings.camera_mounts, (2, 6)), SEEN.values(), strict=True):
+    mounts = np.reshape(settings.camera_mounts, (2, 6))
+    for mount, pose in zip(mounts, poses.values(), strict=True):
         off = local(transform(mount[:3], mount[3:])[None], inverse(pose))[0]
         assert (abs(off[:3]) < 4 * settings.sigma_position).all()
         assert (abs(off[3:]) < 4 * settings.sigma_rotation).all()
@@ -144,8 +174,8 @@ def test_what_cannot_be_is_refused_in_one_line(taken, tmp_path):
 
     cases = [
         (lambda views: views.__delitem__(slice(2, None)), (), 'has pictures of left alone'),
-        (blank, (), r'no complete board of 10x7 inner .* of right \(.*blank2'),
-        (lambda _: None, ('--corners', '9x8'), r'no complete board of 9x8 inner .* of left'),
+        (blank, (), r'no board of --corners 10x7 .* of right \(.*blank2'),
+        (lambda _: None, ('--corners', '9x8'), r'no board of --corners 9x8 .* of left'),
         (lambda _: None, ('--corners', '9x7'), 'looks the same upside down'),
         (lambda views: views[1].update(camera='top'), (), "is of the camera 'top', cameras has"),
         (lambda views: views[1].update(mount_to_base=np.eye(4).ravel().tolist()), (),

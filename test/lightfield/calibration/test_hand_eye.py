@@ -50,10 +50,14 @@ def test_errors_are_those_that_are_told_and_near_the_bound(fixed):
     assert np.median(fitted) <= np.median(closed)
 
 
-def test_where_only_corners_have_errors_these_are_what_is_told():
+@pytest.mark.parametrize('hidden', [0, 40])
+def test_where_only_corners_have_errors_these_are_what_is_told(hidden):
     squares, sure = [], (1e-6, 1e-6)
     for seed in range(16):
         arm = simulated_arm(np.random.default_rng(seed), sigma=sure, corners=0.3)
+        for number, each in enumerate(arm.pictures):
+            order = np.random.default_rng(number).permutation(len(each.corners))
+            each.corners[order[:hidden]] = np.nan
         found = hand_eye(arm.pictures, arm.board, arm.pinhole, sure)
         off = local(arm.camera[None], found.camera)[0]
         squares.append(off @ np.linalg.solve(found.covariance, off))
