@@ -46,5 +46,6 @@ setup(
     zip_safe=True,
     entry_points={'console_scripts': [f'{name} = {NAME}.runtime.start:{name}' for name in (
         'lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node', 'sweep_driver', 'grasp_node',
-        'fixed_cameras', 'pmcl_bringup', 'pmcl_record', 'pmcl_replay', 'pmcl_soak', 'pmcl')]},
+        'fixed_cameras', 'board_node', 'pmcl_bringup', 'pmcl_record', 'pmcl_replay', 'pmcl_soak',
+        'pmcl')]},
 )

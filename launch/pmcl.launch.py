@@ -4,9 +4,10 @@ Arguments: params_file, namespace, autostart (true or false), without (names of 
 grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
 of lytro_driver and subaperture_node), views (rest, service or plan: sweep_driver is started
 likewise, to collect posed views; fixed: fixed_cameras is), lytro (true, with views: of the centre
-views of a Lytro, so that lytro_driver and subaperture_node are started too), pose (the topic on
-which the pose is published, and on which grasp_node and a grasp pipeline find it), respawn (true:
-a node that ends is started again and taken to active).
+views of a Lytro, so that lytro_driver and subaperture_node are started too), board (true, with
+views: board_node is started too, which tells the camera's poses by a printed board), pose (the
+topic on which the pose is published, and on which grasp_node and a grasp pipeline find it),
+respawn (true: a node that ends is started again and taken to active).
 """
 
 from itertools import pairwise
@@ -22,7 +23,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.graph import GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
+from pmcl_ros.nodes.graph import BOARD_POSES, GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -76,12 +77,17 @@ def start(context):
     lytro = LaunchConfiguration('lytro').perform(context).lower() == 'true'
     if lytro and views in ('', 'fixed'):
         raise RuntimeError('lytro says what the views are of: give views too, of a moved camera')
+    board = LaunchConfiguration('board').perform(context).lower() == 'true'
+    if board and (views in ('', 'fixed') or lytro):
+        raise RuntimeError('board tells where an ordinary camera is: give views too, of a moved '
+                           'camera')
     own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}],
-           SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {'collect': views}]
+           SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {
+               'collect': views, **(BOARD_POSES if board else {})}]
            } if sweep or views else {}
     nodes = [node_of(entry, respawn, *own.get(entry.name, ()),
                      remappings=OF_LYTRO.items() if lytro and entry is SWEEP else ())
-             for entry in reversed(chain(bool(sweep or views), lytro, views == 'fixed'))
+             for entry in reversed(chain(bool(sweep or views), lytro, views == 'fixed', board))
              if entry.name not in without]
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
@@ -123,6 +129,8 @@ def generate_launch_description():
                               'fixed: fixed_cameras'),
         DeclareLaunchArgument('lytro', default_value='false', choices=['true', 'false'],
                               description='with views: of the centre views of a Lytro'),
+        DeclareLaunchArgument('board', default_value='false', choices=['true', 'false'],
+                              description='with views: board_node tells the poses of the camera'),
         DeclareLaunchArgument('pose', default_value='pose',
                               description='topic of the pose, as a grasp pipeline expects it'),
         DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],

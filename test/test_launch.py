@@ -74,11 +74,13 @@ def launch_test(recorders):
     return runpy.run_path(str(LAUNCH_TEST))
 
 
+GIVEN = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': '',
+         'lytro': 'false', 'board': 'false', 'respawn': 'false'}
+
+
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '', 'views': '',
-               'lytro': 'false', 'respawn': 'false'} | given
-    actions = launch['start'](context)
+    actions = launch['start'](GIVEN | {'autostart': 'true'} | given)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
     def words(emit):
@@ -101,7 +103,7 @@ def test_arguments(launch):
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
     assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep',
-                     'views', 'lytro', 'pose', 'respawn']
+                     'views', 'lytro', 'board', 'pose', 'respawn']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -135,9 +137,7 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     nodes, first, _ = started(launch, grasps='glass.yaml')
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'views': '', 'lytro': 'false',
-                               'respawn': 'false'})
+    actions = launch['start'](GIVEN | {'grasps': 'glass.yaml'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
 
 
@@ -145,17 +145,14 @@ def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
     nodes, first, _ = started(launch, sweep='plan.yaml', without='dlv_node')
     assert nodes == ['pmcl_node', 'sweep_driver']
     assert first == [('pmcl_node', launch['CONFIGURE'])]
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
-                               'sweep': 'plan.yaml', 'views': '', 'lytro': 'false',
-                               'respawn': 'false'})
+    actions = launch['start'](GIVEN | {'sweep': 'plan.yaml'})
     assert actions[-1].parameters[1] == {'plan': 'plan.yaml', 'collect': 'grid'}
     assert actions[0].name == 'pmcl_node'
     assert actions[0].parameters[1] == {'source': 'light_field'}
 
 
 def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
-    given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
-             'lytro': 'false', 'respawn': 'false'}
+    given = GIVEN | {'views': 'rest'}
     nodes = {each.name: each for each in launch['start'](given)}
     assert list(nodes) == ['pmcl_node', 'dlv_node', 'sweep_driver']
     assert nodes['sweep_driver'].parameters[1] == {'collect': 'rest'}
@@ -165,8 +162,7 @@ def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
 
 
 def test_fixed_cameras_take_the_place_of_the_sweep_driver(launch):
-    given = {'without': 'dlv_node', 'autostart': 'false', 'grasps': '', 'sweep': '',
-             'views': 'fixed', 'lytro': 'false', 'respawn': 'false'}
+    given = GIVEN | {'without': 'dlv_node', 'views': 'fixed'}
     nodes = {each.name: each for each in launch['start'](given)}
     assert list(nodes) == ['pmcl_node', 'fixed_cameras']
     assert nodes['pmcl_node'].parameters[1] == {'source': 'posed_views'}
@@ -174,9 +170,20 @@ def test_fixed_cameras_take_the_place_of_the_sweep_driver(launch):
         launch['start'](given | {'lytro': 'true'})
 
 
+def test_a_board_tells_where_the_camera_is(launch):
+    given = GIVEN | {'views': 'service', 'board': 'true', 'without': 'dlv_node'}
+    nodes = {each.name: each for each in launch['start'](given)}
+    assert list(nodes) == ['pmcl_node', 'sweep_driver', 'board_node']
+    assert nodes['sweep_driver'].parameters[1] == {
+        'collect': 'service', 'poses': 'topic', 'fixed_frame': 'board',
+        'mount_position': [0.0] * 3, 'mount_rpy': [0.0] * 3}
+    for other in ({'views': ''}, {'views': 'fixed'}, {'lytro': 'true'}):
+        with pytest.raises(RuntimeError, match='board tells where an ordinary camera is'):
+            launch['start'](given | other)
+
+
 def test_posed_views_can_be_the_centre_views_of_a_lytro(launch):
-    given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
-             'lytro': 'true', 'respawn': 'false'}
+    given = GIVEN | {'views': 'rest', 'lytro': 'true'}
     nodes = {each.name: each for each in launch['start'](given)}
     assert list(nodes) == ['pmcl_node', 'dlv_node', 'sweep_driver', 'subaperture_node',
                            'lytro_driver']
@@ -188,17 +195,13 @@ def test_posed_views_can_be_the_centre_views_of_a_lytro(launch):
 
 
 def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'views': '', 'lytro': 'false',
-                               'respawn': 'false'})
+    actions = launch['start'](GIVEN | {'grasps': 'glass.yaml'})
     remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
     assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]
 
 
 def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
-    actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
-                               'views': '', 'lytro': 'false',
-                               'respawn': 'true'})
+    actions = launch['start'](GIVEN | {'autostart': 'true', 'respawn': 'true'})
     nodes = [each for each in actions if each.call == 'LifecycleNode']
     assert [each.respawn for each in nodes] == [True] * 4
     handlers = [each.given[0] for each in actions if each.call == 'RegisterEventHandler']

@@ -72,8 +72,8 @@ def test_colcon_installs_every_node_and_file(workspace):
                    capture_output=True)
     install = workspace / 'install' / 'pmcl_ros'
     assert (install / 'share' / 'pmcl_ros' / 'hook' / 'ament_prefix_path.sh').is_file()
-    for each in (*NODES, 'grasp_node', 'sweep_driver', 'fixed_cameras', 'pmcl_bringup',
-                 'pmcl_record', 'pmcl_replay', 'pmcl'):
+    for each in (*NODES, 'grasp_node', 'sweep_driver', 'fixed_cameras', 'board_node',
+                 'pmcl_bringup', 'pmcl_record', 'pmcl_replay', 'pmcl'):
         assert os.access(install / 'lib' / 'pmcl_ros' / each, os.X_OK), each
     share = install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'pmcl_ros').exists()

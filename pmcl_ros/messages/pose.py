@@ -49,11 +49,16 @@ def estimate_to_messages(estimate: PoseEstimate) -> PoseMessages:
 
 def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStamped:
     """The pose as a transform for /tf: the frame `child` of the object in the camera's frame."""
-    pose = pose_to_message(estimate.pose)
-    p = pose.position
+    return pose_to_transform(estimate.header, estimate.pose, child)
+
+
+def pose_to_transform(header: Header, pose: NDArray[np.float64], child: str) -> TransformStamped:
+    """For /tf, of the pose (4, 4) of a frame `child` in the header's frame [m]."""
+    message = pose_to_message(pose)
+    p = message.position
     return TransformStamped(
-        header=header_to_message(estimate.header), child_frame_id=child,
-        transform=Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=pose.orientation))
+        header=header_to_message(header), child_frame_id=child, transform=Transform(
+            translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=message.orientation))
 
 
 def transform_from(message: TransformStamped) -> tuple[Header, str, NDArray[np.float64]]:

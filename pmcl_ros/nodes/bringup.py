@@ -5,12 +5,22 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
-from pmcl_ros.nodes.graph import GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, NodeEntry, chain
+from pmcl_ros.nodes.graph import (
+    BOARD_POSES,
+    GRASPS,
+    NODES,
+    OF_LYTRO,
+    SWEEP,
+    VIEWS,
+    NodeEntry,
+    chain,
+)
 from pmcl_ros.nodes.runtime.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.runtime.parameter_file import (
     check_parameter_file,
@@ -26,7 +36,7 @@ from pmcl_ros.runtime.errors import PmclError
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
     entries = [entry for entry in chain(bool(options.sweep or options.views), options.lytro,
-                                        options.views == 'fixed')
+                                        options.views == 'fixed', options.board)
                if entry.name not in options.without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
@@ -128,6 +138,8 @@ def _parser() -> argparse.ArgumentParser:
                         'fixed_cameras instead, for those of several cameras at rest')
     parser.add_argument('--lytro', action='store_true', help='with --views: of the centre views '
                         'of a Lytro, so that lytro_driver and subaperture_node are started too')
+    parser.add_argument('--board', action='store_true', help='with --views of a moved camera: '
+                        'start board_node too, which tells its poses by a printed board in view')
     parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
                         'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
@@ -145,7 +157,9 @@ def _problem(options: argparse.Namespace) -> str:
         (options.sweep and views,
          '--sweep is for a light field, --views for posed views: give one of them'),
         (options.lytro and views in (None, 'fixed'),
-         '--lytro says what the views are of: give --views too, of a moved camera'))
+         '--lytro says what the views are of: give --views too, of a moved camera'),
+        (options.board and (views in (None, 'fixed') or options.lytro),
+         '--board tells where an ordinary camera is: give --views too, of a moved camera'))
     return next((text for wrong, text in problems if wrong), '')
 
 
@@ -161,7 +175,7 @@ def _ros_arguments(options: argparse.Namespace, given: Sequence[str]) -> list[st
             *(part for each in remapped for part in ('--ros-args', '-r', each, '--'))]
 
 
-def _own_values(options: argparse.Namespace) -> dict[str, dict[str, str | None]]:
+def _own_values(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """By node: parameters that follow from options, whatever a parameter file says."""
     collect, source = None, None
     if options.sweep:
@@ -169,7 +183,8 @@ def _own_values(options: argparse.Namespace) -> dict[str, dict[str, str | None]]
     elif options.views:
         collect, source = None if options.views == 'fixed' else options.views, 'posed_views'
     return {GRASPS.name: {'grasps': options.grasps},
-            SWEEP.name: {'plan': options.sweep, 'collect': collect},
+            SWEEP.name: {'plan': options.sweep, 'collect': collect,
+                         **(BOARD_POSES if options.board else {})},
             'pmcl_node': {'source': source}}
 
 

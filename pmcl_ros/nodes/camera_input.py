@@ -8,6 +8,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from pmcl_ros.lightfield.board_camera import BoardNodeSettings
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
@@ -18,9 +19,10 @@ Picture: TypeAlias = Image | CompressedImage
 _MOST, _MOST_BYTES = 100, 1 << 28  # of pictures that wait
 
 
-def subscribe_camera(node: StageNode, settings: FixedCameraSettings | SweepDriverSettings,
-                     image: str, info: str, on_picture: Callable[[Picture], None],
-                     on_info: Callable[[CameraInfo], None]) -> Subscription:
+def subscribe_camera(
+        node: StageNode, settings: FixedCameraSettings | SweepDriverSettings | BoardNodeSettings,
+        image: str, info: str, on_picture: Callable[[Picture], None],
+        on_info: Callable[[CameraInfo], None]) -> Subscription:
     """Subscribe to a camera's topics, for `start` of a node; the subscription of its pictures."""
     qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE if settings.reliable
                      else ReliabilityPolicy.BEST_EFFORT)

@@ -35,23 +35,30 @@ GRASPS = NodeEntry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
 SWEEP = NodeEntry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
 # Likewise, where several cameras are at rest: when bring-up and launch get `fixed` for views.
 FIXED = NodeEntry('fixed_cameras', 'pmcl_ros.nodes.fixed_cameras', 'FixedCameras')
+# Beside sweep_driver, where a board tells the poses of its camera: when they get `board`.
+BOARD = NodeEntry('board_node', 'pmcl_ros.nodes.board_node', 'BoardNode')
 # When sweep_driver takes a posed view; fixed: fixed_cameras takes them.
 VIEWS = ('rest', 'service', 'plan', 'fixed')
-ALL = (*NODES, GRASPS, SWEEP, FIXED)
+ALL = (*NODES, GRASPS, SWEEP, FIXED, BOARD)
+# Parameters of sweep_driver where a board tells the poses: of the optical frame, in its own.
+BOARD_POSES: dict[str, Any] = {'poses': 'topic', 'fixed_frame': 'board',
+                               'mount_position': [0.0] * 3, 'mount_rpy': [0.0] * 3}
 # What it listens to where a Lytro is moved: the centre views.
 OF_LYTRO = {'image': 'center/image', 'camera_info': 'center/camera_info'}
 
 
-def chain(moved: bool, lytro: bool = False, fixed: bool = False) -> tuple[NodeEntry, ...]:
+def chain(moved: bool, lytro: bool = False, fixed: bool = False, board: bool = False
+          ) -> tuple[NodeEntry, ...]:
     """The nodes up to a pose, in the order of the data.
 
     moved: pictures are of a camera that is moved. lytro: which is a Lytro, decoded as ever.
-    fixed: pictures are of several cameras at rest.
+    fixed: pictures are of several cameras at rest. board: a board tells where the camera is.
     """
     decoding, rest = NODES[:2], NODES[2:]
     if fixed:
         return FIXED, *rest
-    return (*decoding, SWEEP, *rest) if lytro else (SWEEP, *rest) if moved else NODES
+    sweep = (BOARD, SWEEP) if board else (SWEEP,)
+    return (*decoding, *sweep, *rest) if lytro else (*sweep, *rest) if moved else NODES
 
 
 class Quality(NamedTuple):
@@ -92,6 +99,7 @@ _MARKERS, _SPREAD = ('visualization_msgs/msg/MarkerArray',
                      'geometry_msgs/msg/PoseWithCovarianceStamped')
 _DRIVER, _VIEWS, _DLV = 'lytro_driver', 'subaperture_node', 'dlv_node'
 _PMCL, _GRASP, _SWEEP, _FIXED = 'pmcl_node', 'grasp_node', 'sweep_driver', 'fixed_cameras'
+_BOARD = 'board_node'
 
 _LIGHT_FIELD = (_VIEWS, _SWEEP)
 _POSED = (_SWEEP, _FIXED)
@@ -102,9 +110,9 @@ TOPICS = (
                Quality(10, latched=True)),
     TopicEntry('image_raw', _IMAGE, BIG, (_DRIVER,), (_VIEWS,),
                'raw picture, bayer_bggr16, counts 0..4095'),
-    TopicEntry('camera_info', _INFO, SMALL, ('a camera',), (_SWEEP,),
-               'of an ordinary camera on the arm'),
-    TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP,),
+    TopicEntry('camera_info', _INFO, SMALL, ('a camera',), (_SWEEP, _BOARD),
+               'of an ordinary camera on the arm, or moved otherwise'),
+    TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP, _BOARD),
                'its pictures; where `compressed` is true, `image/compressed`, CompressedImage; '
                'where `reliable` is false, best effort'),
     *(TopicEntry(f'{camera}/{name}', kind, SMALL, ('a camera',), (_FIXED,), what)
@@ -143,7 +151,7 @@ TOPICS = (
                'most likely depth, 32FC1 [m], NaN: unknown'),
     TopicEntry('dlv/layers', _IMAGE, SMALL, (_DLV,), (),
                'rgb8: the front surface, and what is behind it'),
-    TopicEntry('camera_pose', _POSE, MANY, ('the robot',), (_PMCL, _SWEEP),
+    TopicEntry('camera_pose', _POSE, MANY, ('the robot', _BOARD), (_PMCL, _SWEEP),
                'where the camera is, in track_frame (where tracking and track_camera ask for it) '
                'or fixed_frame'),
     TopicEntry('pose', _POSE, SMALL, (_PMCL,), (_GRASP,),

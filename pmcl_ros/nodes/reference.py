@@ -16,6 +16,7 @@ from pydantic.fields import FieldInfo
 
 from pmcl_ros.nodes.graph import (
     ALL,
+    BOARD,
     FIXED,
     GRASPS,
     OPTIONAL,
@@ -47,7 +48,9 @@ _SHIPPED: dict[str, dict[str, Any]] = {
 _ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/howto/grasping.md',
               SWEEP.name: 'a plan (--sweep, sweep:=): docs/howto/sweep.md',
               FIXED.name: 'fixed cameras (--views fixed, views:=fixed): '
-                          'docs/howto/fixed_cameras.md'}
+                          'docs/howto/fixed_cameras.md',
+              BOARD.name: 'a printed board that tells camera poses (--board, board:=true): '
+                          'docs/howto/board.md'}
 
 _REFERENCE = """\
 # Reference

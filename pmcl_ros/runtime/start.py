@@ -15,6 +15,7 @@ MODULES = {
     'pmcl_node': 'pmcl_ros.nodes.pmcl_node',
     'sweep_driver': 'pmcl_ros.nodes.sweep_driver',
     'fixed_cameras': 'pmcl_ros.nodes.fixed_cameras',
+    'board_node': 'pmcl_ros.nodes.board_node',
     'grasp_node': 'pmcl_ros.nodes.grasp_node',
     'pmcl_bringup': 'pmcl_ros.nodes.bringup',
     'pmcl_record': 'pmcl_ros.nodes.record',

@@ -4,6 +4,7 @@ import os
 import signal
 from pathlib import Path
 
+import cv2
 import pytest
 import viewer_layouts
 import yaml
@@ -163,6 +164,20 @@ def test_what_a_file_gives_to_all_nodes_is_told_of_none(tmp_path, user, write, h
     assert "'mount_" not in chain.log
 
 
+@pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
+                    reason='OpenCV before 4.7')
+def test_a_board_tells_where_the_camera_is(tmp_path, user, write):
+    """Whatever the file says of an arm."""
+    mount = tmp_path / 'mount.yaml'
+    mount.write_text('/**: {ros__parameters: {mount_position: [0.1, 0.2, 0.3], poses: tf}}')
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--views', 'rest', '--board',
+                 '--without', 'dlv_node', '--ros-args', '--params-file', mount) as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        assert 'active: pmcl_node, sweep_driver, board_node' in chain.log
+        assert 'poses topic: poses in board come from camera_pose' in chain.log
+        assert 'mount_position=(0.0, 0.0, 0.0)' in chain.log
+
+
 def test_a_parameter_file_for_a_misspelt_node_is_refused(tmp_path):
     file = tmp_path / 'parameters.yaml'
     file.write_text('dlv_nod: {ros__parameters: {labels: 5}}')
@@ -174,6 +189,8 @@ def test_a_parameter_file_for_a_misspelt_node_is_refused(tmp_path):
 @pytest.mark.parametrize(('arguments', 'reason'), [
     (['--params-file', '/nowhere.yaml'], 'there is no /nowhere.yaml'),
     (['--without', 'nobody'], 'invalid choice'),
+    (['--board'], 'give --views too, of a moved camera'),
+    (['--board', '--views', 'fixed'], 'give --views too, of a moved camera'),
 ])
 def test_what_makes_no_sense_is_refused(tmp_path, arguments, reason):
     chain = Process(tmp_path, BRINGUP, *arguments)

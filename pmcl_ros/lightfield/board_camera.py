@@ -1,0 +1,61 @@
+"""Where a camera is, by the printed board that its picture shows."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
+from pmcl_ros.lightfield.readers.pictures import Bits
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.settings import Settings
+
+
+class BoardNodeSettings(Settings):
+    """Images of a camera that sees a printed board -> its poses in the frame of the board."""
+
+    ring: str = Field('8x11', description='squares along the sides of a ring of markers '
+                      '(pmcl board --ring); the frame is its middle, z out of it')
+    corners: str = Field('', description='in place of a ring, inner corners of a checkerboard '
+                         '(pmcl board --corners), as 10x7; the frame is its first corner, z into '
+                         'the board; empty: it is a ring')
+    square: float = Field(0.024, gt=1e-4, lt=1, description='side of the squares [m]')
+    fixed_frame: str = Field('board', min_length=1, description='frame of the board')
+    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
+                             'image/compressed')
+    rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
+                            'camera_info applies')
+    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
+                           'effort, for cameras that offer no more')
+    broadcast_tf: bool = Field(False, description="publish the board as a child of the camera's "
+                               'frame on /tf, so that its frame is one of the robot')
+    bits: Bits = 16
+
+    @property
+    def board(self) -> Checkerboard | CharucoRing:
+        """Raises SettingsError for numbers that no board has."""
+        return (Checkerboard.parse(self.corners, self.square) if self.corners
+                else CharucoRing.parse(self.ring, self.square))
+
+
+def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8], lens: Lens,
+                    name: str) -> CameraAtBoard:
+    """Where the camera is that took a grey picture (height, width) of a board.
+
+    name: of the picture. Raises LightFieldError where the picture is not of the lens's size, does
+    not show the board, or does not tell the pose.
+    """
+    pinhole = lens.pinhole
+    if picture.shape != (pinhole.height, pinhole.width):
+        raise LightFieldError(
+            f'{name} has {picture.shape[1]}x{picture.shape[0]} px, its camera (camera_info) '
+            f'{pinhole.width}x{pinhole.height}: give the calibration of this resolution')
+    plain = lens.undistorted(picture.astype(np.float32) / np.float32(255), pinhole)
+    seen = board.seen(np.rint(255 * plain).astype(np.uint8))
+    if seen is not None and isinstance(board, CharucoRing):
+        seen = board.in_plane(seen)
+    if seen is None:
+        raise LightFieldError(f'{name} does not show the board {board.options}')
+    return camera_at_board({name: seen}, board.points, pinhole)

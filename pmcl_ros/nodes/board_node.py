@@ -1,0 +1,99 @@
+"""Images of a camera that sees a printed board -> camera_pose."""
+
+import sys
+import time
+from typing import Any
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import CameraInfo
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.lightfield.board_camera import BoardNodeSettings, camera_by_board
+from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.messages.camera_info import lens_from
+from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.messages.pose import pose_to_message, pose_to_transform
+from pmcl_ros.messages.types import message_class
+from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
+from pmcl_ros.nodes.runtime.base import MANY, StageNode
+from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.runtime.errors import BagError, LightFieldError, MessageError, SettingsError
+
+
+class BoardNode(StageNode):
+    """Publishes where the camera was at each picture that shows the board."""
+
+    name = 'board_node'
+    settings_class = BoardNodeSettings
+
+    def set_up(self, settings: BoardNodeSettings) -> None:
+        """Read what the board is."""
+        self._settings, self._board = settings, settings.board
+        self._publisher = self.publisher(PoseStamped, 'camera_pose', MANY)
+        self._transforms: Any = None
+        if settings.broadcast_tf:
+            try:
+                self._transforms = message_class('tf2_msgs/msg/TFMessage')
+            except BagError as error:
+                raise SettingsError(f"parameter 'broadcast_tf' is true, but {error}: set it to "
+                                    'false and use the topic camera_pose') from None
+            self._tf = self.publisher(self._transforms, '/tf', MANY)
+        self.get_logger().info(f'looks for the board {self._board.options}; its frame is '
+                               f'{settings.fixed_frame}')
+
+    def start(self) -> None:
+        """Listen."""
+        self._lens: Lens | None = None
+        self._lines = RepeatedLines()
+        subscribe_camera(self, self._settings, 'image', 'camera_info', self._on_image,
+                         self._on_info)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        self._lens = None  # where this one is refused, the one before it is outdated
+        self._lens = lens_from(message, self._settings.rectified)
+
+    def _on_image(self, message: Picture) -> None:
+        came = time.monotonic()
+        self.health.frames_in += 1
+        if self._lens is None:
+            raise MessageError('no camera_info that can be used has come')
+        header = header_from(message.header)
+        picture = pixels_from(message, self._settings.bits)
+        if picture.dtype == np.uint16:
+            picture = (picture >> 8).astype(np.uint8)
+        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
+        try:
+            found = camera_by_board(self._board, grey, self._lens, 'the image')
+        except LightFieldError as error:
+            self._not_found(header, str(error))
+            return
+        self._publish(header, found)
+        self.health.done(time.monotonic() - came, f'corners {found.pixels[0]:.2f} px')
+
+    def _not_found(self, header: Header, why: str) -> None:
+        with self.health.lock:
+            self.health.dropped += 1
+            self.health.warn(why)
+        if line := self._lines(f'no camera pose: {why}'):
+            self.get_logger().warning(f'{line} (stamp {header.stamp_ns})')
+
+    def _publish(self, header: Header, found: CameraAtBoard) -> None:
+        of_board = header_to_message(Header(header.stamp_ns, self._settings.fixed_frame))
+        self._publisher.publish(PoseStamped(header=of_board, pose=pose_to_message(found.camera)))
+        if self._transforms is not None:
+            board = pose_to_transform(header, inverse(found.camera), self._settings.fixed_frame)
+            self._tf.publish(self._transforms(transforms=[board]))
+
+
+def main() -> int:
+    """Entry point."""
+    return run(BoardNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

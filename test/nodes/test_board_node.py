@@ -1,0 +1,156 @@
+"""A printed board tells where a camera is: against truth, alone and with sweep_driver."""
+
+
+
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped
+from harness import ACTIVATE, CONFIGURE, Process
+from painted_boards import painted
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, Image
+from test_object_frame import tf_message  # noqa: F401 -- a fixture
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, local, pose_of
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.pose import pose_from, poses_from, transform_from
+from pmcl_ros.nodes.board_node import BoardNode
+from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL
+
+needs_detector = pytest.mark.skipif(
+    not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'), reason='OpenCV before 4.7')
+LENS = Lens(Pinhole(640, 480, 600, 600, 322, 238), (-0.1, 0.02, 0.001, -0.001))
+START, MS = 1_700_000_000_000_000_000, 1_000_000
+
+
+def camera_at(azimuth, height=50, distance=0.45):
+    """(4, 4) a camera that looks at the middle of a board from there [degrees, m], to it."""
+    turn = Rotation.from_euler('zx', [azimuth, -90 - height], degrees=True)
+    return pose_of(turn, -distance * turn.as_matrix()[:, 2])
+
+
+def picture_from(board, camera):
+    """(height, width, 3) uint8, distorted: the board as that camera sees it."""
+    wide = Pinhole(800, 640, 600, 600, 402, 318)
+    seen = painted(np.full((wide.height, wide.width), 128, np.uint8), board, inverse(camera), wide)
+    # Where the pinhole sees what the lens sees at each pixel.
+    size = LENS.pinhole.height, LENS.pinhole.width
+    pixels = np.stack(np.indices(size)[::-1], axis=-1).reshape(-1, 2).astype(float)
+    straight = cv2.undistortPoints(pixels[:, None], LENS.pinhole.matrix,
+                                   np.array(LENS.distortion), P=wide.matrix)
+    x, y = np.moveaxis(straight.reshape(*size, 2).astype(np.float32), -1, 0)
+    return np.repeat(cv2.remap(seen, x, y, cv2.INTER_CUBIC)[..., None], 3, axis=2)
+
+
+class Camera:
+    """A driver."""
+
+    def __init__(self, user):
+        self.user = user
+        # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
+        self.image = user.publisher(Image, 'image', BIG)
+        self.info = user.publisher(CameraInfo, 'camera_info', BIG)
+        message = pinhole_to_message(Header(START, 'wrist_camera'), LENS.pinhole)
+        message.d = [*LENS.distortion, 0.0]
+        self.info.publish(message)
+        user.delivered(self.info)
+
+    def shoot(self, picture, stamp_ns):
+        self.image.publish(picture_to_message(Header(stamp_ns, 'wrist_camera'), picture))
+        self.user.delivered(self.image)
+
+
+def off(camera, truth):
+    """By how much, in units of 0.5 mm and 1.5 mrad."""
+    away = local(camera[None], truth)[0]
+    return max(np.linalg.norm(away[:3]) / 0.0005, np.linalg.norm(away[3:]) / 0.0015)
+
+
+@needs_detector
+def test_views_of_a_camera_that_somebody_holds(tmp_path, user):
+    """It stands at two places for a while; between them, and at the wall, there is no pose."""
+    ring, places = CharucoRing(8, 11, 0.024), [camera_at(30), camera_at(75, 40)]
+    wall = np.full((480, 640, 3), 90, np.uint8)
+    with (Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params={
+              'poses': 'topic', 'collect': 'rest', 'fixed_frame': 'board', 'near': 0.3,
+              'far': 0.7}) as sweep,
+          Process(tmp_path, 'pmcl_ros.nodes.board_node', params={}) as node):
+        for name in ('sweep_driver', 'board_node'):
+            assert all(user.change(name, CONFIGURE, ACTIVATE)), node.log + sweep.log
+        poses, views = (user.listen(kind, topic, qos) for kind, topic, qos in (
+            (PoseStamped, 'camera_pose', MANY), (PoseArray, 'posed_views/poses', SMALL)))
+        health = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        user.listen(Image, 'posed_views', BIG)
+        camera, now = Camera(user), START
+        for number, place in enumerate(places):
+            picture = picture_from(ring, place)
+            for _ in range(4):
+                now += 100 * MS
+                camera.shoot(picture, now)
+            user.wait(lambda number=number: len(poses) == 4 * (number + 1), 'the poses')
+            now += 1000 * MS
+            camera.shoot(wall, now)
+            user.wait(lambda: _told(health) == DiagnosticStatus.WARN, 'a warning')
+        user.wait(lambda: views, 'posed views')
+        assert 'no camera pose: the image does not show the board --ring 8x11' in node.log
+    for number, message in enumerate(poses):
+        header, found = pose_from(message)
+        assert header.frame_id == 'board'
+        assert off(found, places[number // 4]) < 1
+    assert len(views[-1].poses) == 2
+    for found, place in zip(poses_from(views[-1].poses, 'views'), places, strict=True):
+        assert off(found, place) < 1
+
+
+def _told(health):
+    """The level of the node's last report."""
+    levels = [each.level for message in health for each in message.status
+              if each.name == 'board_node']
+    return levels[-1] if levels else None
+
+
+def test_a_checkerboard_is_a_child_of_the_camera_s_frame(user, tf_message, capfd):  # noqa: F811
+    board, context = Checkerboard(10, 7, 0.02), Context()
+    rclpy.init(context=context)
+    node = BoardNode(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in (
+            ('corners', '10x8x2'), ('square', 0.02), ('broadcast_tf', True),
+            ('fixed_frame', 'table'))])
+    executor = SingleThreadedExecutor(context=context)
+    try:
+        executor.add_node(node)
+        user.others.append(executor)
+        assert node.trigger_configure() == Result.FAILURE
+        assert "corners '10x8x2' are not like 10x7" in capfd.readouterr().err
+        node.set_parameters([Parameter('corners', value='10x7')])
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        transforms = user.listen(tf_message, '/tf', MANY)
+        turn = Rotation.from_euler('xz', [35, 20], degrees=True)
+        seen = pose_of(turn, [0, 0, 0.5] - turn.apply(board.points.mean(axis=0)))
+        camera = Camera(user)
+        camera.shoot(picture_from(board, inverse(seen)), START)
+        user.wait(lambda: transforms, 'a transform')
+        header, child, found = transform_from(transforms[0].transforms[0])
+        assert (header, child) == (Header(START, 'wrist_camera'), 'table')
+        assert off(found, seen) < 1
+        camera.shoot(np.full((240, 320, 3), 90, np.uint8), START + MS)
+        user.wait(lambda: 'has 320x240 px' in node.health.message, 'a warning')
+    finally:
+        executor.shutdown()
+        node.close()
+        rclpy.shutdown(context=context)
+
+
