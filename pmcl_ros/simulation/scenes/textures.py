@@ -42,22 +42,32 @@ def _noise(rng: np.random.Generator, slope: float, low: float, high: float,
     return np.asarray((field - field.mean()) / field.std())
 
 
+def _planes(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) as (3, 1, 1): by planes numpy is faster than with three values side by side."""
+    return colour[:, None, None]
+
+
+def _texture(planes: NDArray[np.float64]) -> Texture:
+    """Of planes (3, SIZE, SIZE)."""
+    return np.asarray(cv2.merge([*np.clip(planes, 0.01, 1).astype(np.float32)]), np.float32)
+
+
 def clouds(rng: np.random.Generator) -> Texture:
     """Noise with the spectrum of natural images, smooth or rough."""
     high = np.exp(rng.uniform(np.log(6), np.log(200)))
     tone, *axes = _colours(rng, 4)
-    picture = np.full((SIZE, SIZE, 3), tone)
+    picture = np.broadcast_to(_planes(tone), (3, SIZE, SIZE)).copy()
     for axis in axes:
         field = _noise(rng, rng.uniform(1, 3.5), 2, high)
-        picture += 0.6 * field[..., None] * (axis - tone)
-    return np.clip(picture, 0.01, 1).astype(np.float32)
+        picture += 0.6 * field * _planes(axis - tone)
+    return _texture(picture)
 
 
 def grain(rng: np.random.Generator) -> Texture:
     """Wood or brushed stone: noise stretched along one axis."""
     a, b = _colours(rng, 2)
     field = _noise(rng, rng.uniform(1, 2.5), 2, rng.uniform(40, 150), rng.uniform(6, 25))
-    return np.clip(a + (0.5 + 0.35 * field[..., None]) * (b - a), 0.01, 1).astype(np.float32)
+    return _texture(_planes(a) + (0.5 + 0.35 * field) * _planes(b - a))
 
 
 def checks(rng: np.random.Generator) -> Texture:
@@ -67,7 +77,7 @@ def checks(rng: np.random.Generator) -> Texture:
     board = (k[:, None] * rng.integers(2) + k) % 2
     a, b = _colours(rng, 2)
     wear = 1 + rng.uniform(0, 0.08) * _noise(rng, 2, 2, 120)
-    return np.clip((a + board[..., None] * (b - a)) * wear[..., None], 0.01, 1).astype(np.float32)
+    return _texture((_planes(a) + board * _planes(b - a)) * wear)
 
 
 def panes(rng: np.random.Generator) -> Texture:
@@ -83,7 +93,7 @@ def panes(rng: np.random.Generator) -> Texture:
     picture = (_colours(rng, 1) * 0.6 * (1 - part) + picture * part).reshape(*x.shape, 3)
     large = cv2.resize(picture, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)
     tint = 1 + 0.08 * _noise(rng, 2.5, 2, 60)
-    return np.clip(large * tint[..., None], 0.01, 1).astype(np.float32)
+    return _texture(np.stack(cv2.split(large)) * tint)
 
 
 def lettering(rng: np.random.Generator) -> Texture:
@@ -107,7 +117,7 @@ def lettering(rng: np.random.Generator) -> Texture:
 def plain(rng: np.random.Generator) -> Texture:
     """One colour with faint stains."""
     stain = 1 + rng.uniform(0.01, 0.06) * _noise(rng, 3, 1, 20)
-    return np.clip(_colours(rng, 1)[0] * stain[..., None], 0.01, 1).astype(np.float32)
+    return _texture(_planes(_colours(rng, 1)[0]) * stain)
 
 
 def leaves(rng: np.random.Generator) -> Texture:
@@ -147,8 +157,7 @@ def weave(rng: np.random.Generator) -> Texture:
     a, b = _colours(rng, 2)
     depth = rng.uniform(0.1, 0.5)
     bulge = 1 - depth * np.abs(np.where(over, k % 1 - 0.5, (k % 1 - 0.5)[:, None])) * 2
-    picture = (a + rng.uniform(0, 1) * over[..., None] * (b - a)) * bulge[..., None]
-    return np.clip(picture, 0.01, 1).astype(np.float32)
+    return _texture((_planes(a) + rng.uniform(0, 1) * over * _planes(b - a)) * bulge)
 
 
 PATTERNS: dict[str, Callable[[np.random.Generator], Texture]] = {
