@@ -121,14 +121,14 @@ def test_what_lacks_is_one_line(tmp_path):
 
 
 def test_the_command_makes_pictures_and_keeps_them(tmp_path):
-    arguments = ['scenes', 'pictures', '--first-seed', '8', '--count', '1', '-o', str(tmp_path)]
+    arguments = ['scenes', 'pictures', '--first-seed', '4', '--count', '1', '-o', str(tmp_path)]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
     assert '1 pictures made, 0 were there' in result.output
     again = [*arguments, '--no-film']  # what is there is kept
     assert '0 pictures made, 1 were there' in CliRunner().invoke(main, again).output
-    read_labelled(path_of(tmp_path, 8))
+    read_labelled(path_of(tmp_path, 4))
     other = CliRunner().invoke(main, [*again[:-2], str(tmp_path / 'other'), '--no-film'])
     assert other.exit_code == 0, other.output
-    np.testing.assert_array_equal(read_labelled(path_of(tmp_path / 'other', 8)).picture,
-                                  labelled_picture(8, PictureSettings(film=False)).picture)
+    np.testing.assert_array_equal(read_labelled(path_of(tmp_path / 'other', 4)).picture,
+                                  labelled_picture(4, PictureSettings(film=False)).picture)
