@@ -308,34 +308,42 @@ def _solved(camera: NDArray[np.float64], board: NDArray[np.float64], mounts: NDA
     weights: (n,) that the covariances of the pictures are divided by. The last two: (n, 6) of the
     arm's motions that fit best, and of what is left of their prior.
     """
-    def expected(step: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 4, 4) board to camera."""
-        moved, placed = retract(camera, step[None, :6])[0], retract(board, step[None, 6:])[0]
-        return np.asarray(inverse(moved) @ inverse(mounts) @ placed)
+    def expected(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m, n, 4, 4) board to camera after each of the steps (m, 12)."""
+        moved, placed = retract(camera, steps[:, :6]), retract(board, steps[:, 6:])
+        return np.asarray(inverse(moved)[:, None] @ inverse(mounts) @ placed[:, None])
+
+    def off(there: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m, n, 6) from there (m, n, 4, 4) to poses that are as many, or broadcast."""
+        return local(np.broadcast_to(poses, there.shape).reshape(-1, 4, 4),
+                     there.reshape(-1, 4, 4)).reshape(*there.shape[:2], 6)
 
     # How a motion of the flange, in its own frame, moves the board before the camera.
-    still = expected(np.zeros(12))
-    by_arm = []
-    for step in _STEP * np.eye(6):
-        motion = retract(np.eye(4)[None], step[None])[0]
-        if fixed:
-            moved = inverse(camera) @ inverse(mounts) @ inverse(motion[None])[0] @ board
-        else:
-            moved = inverse(camera) @ motion @ inverse(mounts) @ board
-        by_arm.append(local(moved, still) / _STEP)
-    arm = np.stack(by_arm, axis=-1)
+    motion = retract(np.eye(4), _STEP * np.eye(6))[:, None]
+    moved = inverse(camera) @ (inverse(mounts) @ inverse(motion) if fixed else
+                               motion @ inverse(mounts)) @ board
+    still = np.broadcast_to(expected(np.zeros((1, 12))), moved.shape)
+    arm = np.moveaxis(off(still, moved) / _STEP, 0, -1)
     spread = corners + arm @ (np.square(sigma)[:, None] * arm.transpose(0, 2, 1))
     white = np.linalg.inv(np.linalg.cholesky(spread / weights[:, None, None]))
 
-    def residuals(step: NDArray[np.float64]) -> NDArray[np.float64]:
-        off = local(seen, expected(step))
-        return np.asarray((white @ off[..., None])[..., 0]).ravel()
+    def whitened(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((white @ off(expected(steps), seen)[..., None])[..., 0]).reshape(
+            len(steps), -1)
 
-    solution = least_squares(residuals, np.zeros(12), x_scale=np.tile(_FIRST_SIGMA, 2))
+    def residuals(step: NDArray[np.float64]) -> NDArray[np.float64]:
+        return whitened(step[None])[0]
+
+    def jacobian(step: NDArray[np.float64]) -> NDArray[np.float64]:
+        # All steps at once: one by one, as least_squares does, takes most of the time.
+        aside = _STEP * np.eye(12)
+        return (whitened(step + aside) - whitened(step - aside)).T / (2 * _STEP)
+
+    solution = least_squares(residuals, np.zeros(12), jacobian,
+                             x_scale=np.tile(_FIRST_SIGMA, 2))
     moved, placed = (retract(each, part[None])[0] for each, part in zip(
         (camera, board), np.split(solution.x, 2), strict=True))
     gain = np.square(sigma)[:, None] * arm.transpose(0, 2, 1) @ np.linalg.inv(spread)
-    off = local(seen, expected(solution.x))
-    motions = (gain @ off[..., None])[..., 0]
+    motions = (gain @ off(expected(solution.x[None]), seen)[0, ..., None])[..., 0]
     left = np.square(sigma) - np.einsum('nij,nji->ni', gain, arm) * np.square(sigma)
     return (moved, placed, solution.jac, residuals(solution.x).reshape(-1, 6), motions, left)
