@@ -22,6 +22,7 @@ from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 CAMERA = {'width': 160, 'height': 120, 'fx': 150.0, 'cx': 79.5, 'cy': 59.5}
+SMALL = {'width': 32, 'height': 24, 'fx': 30.0, 'cx': 15.5, 'cy': 11.5}  # of the same view
 
 
 @pytest.fixture
@@ -94,7 +95,7 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
 def test_captures_keep_symmetry_and_material(tmp_path: Path, look: dict[str, Any], clear: bool,
                                              declared: dict[str, Any]) -> None:
     trimesh.creation.cylinder(0.03, 0.1, sections=32).export(tmp_path / 'rod.stl')
-    (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(CAMERA))
+    (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(SMALL))
     rod = tmp_path / 'rod.yaml'
     rod.write_text(yaml.safe_dump({'mesh': 'rod.stl', 'scale': 1.0, **declared,
                                    'appearance': {'solid': True, **look}}))
