@@ -14,6 +14,7 @@ Box = tuple[float, float, float, float]  # left, top, width, height [px]
 LEAST_SIDE = 8.0  # px: a smaller box tells nothing
 _APART = np.deg2rad(5.0)  # between lines of sight: nearer ones do not tell the depth
 _AROUND = 48  # points of a circle
+_SLOPPY = 1.15  # times as large may boxes be drawn
 _STEEPEST = np.deg2rad(75.0)  # of a line of sight to the level: from above there is no wall
 
 
@@ -94,7 +95,8 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
     """The upright cylinder whose outline fills the boxes.
 
     up: (3,) direction of the axis in the reference frame. height: where it is known; without it
-    two views or more are needed. Raises ProfileError where they do not tell the size.
+    two views or more are needed. Raises ProfileError where they do not tell the size, or another
+    one.
     """
     sights, eyes = (np.array(each) for each in zip(
         *((view.sight, view.camera[:3, 3]) for view in views), strict=True))
@@ -121,6 +123,16 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
                            'of the same object, and the poses right?')
     radii, heights = zip(*(_size(view, up, float(rise), float(far)) for view, rise, far in zip(
         views, rises, distances, strict=True)), strict=True)
+    if height is not None and len(views) > 1:
+        # What is narrower at an end reaches farther there in the same box: it shows less of the
+        # circle.
+        highest = np.array(heights) + 2 * np.array(radii) * np.tan(abs(rises))
+        low, high = min(heights) / _SLOPPY, float(highest.max()) * _SLOPPY
+        if not low < height < high:
+            raise ProfileError(
+                f'the boxes are about something that is {1e3 * low:.0f} to {1e3 * high:.0f} mm '
+                f'high, --height says {1e3 * height:.0f} mm: is it in metres, from the table to '
+                'the top, and are the boxes about the whole object?')
     return Cylinder(pose_of(_upright(up), middle), float(np.mean(radii)),
                     height or float(np.mean(heights)))
 

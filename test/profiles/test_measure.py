@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,14 @@ def test_a_view_that_looks_elsewhere_is_left_out(views, boxes, caplog):
     assert not found.surface.on_foot  # it has no stem
     assert [f'view {k} does not see the object' in caplog.text for k in range(4)] == [
         False, True, True, False]
+
+
+@pytest.mark.parametrize('height', [0.06, 0.17, 100.0])
+def test_a_height_that_the_boxes_contradict_is_refused(views, boxes, height):
+    with pytest.raises(ProfileError, match=f'--height says {1e3 * height:.0f} mm') as told:
+        measured(views, boxes, UP, height)
+    low, high = map(float, re.search(r'that is (\d+) to (\d+) mm', str(told.value)).groups())
+    assert 70 < low < 100 < high < 160
 
 
 def test_one_view_is_enough_with_the_height(views, boxes):
