@@ -17,7 +17,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     board_of,
     board_options,
     boards_in,
-    tell_missing,
+    corners_in,
 )
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
@@ -182,8 +182,6 @@ def _seen(files: list[Path], printed: Board, size: tuple[int, int]
     for file in track(files, console=STDERR, description='boards', transient=True):
         picture = encoded(read_picture(file), GAMMA)
         grey = np.rint(255 * reduction.shrunk(picture).mean(axis=2)).astype(np.uint8)
-        corners = printed.seen(grey)
-        if corners is None:
-            tell_missing(file.name, printed)
-            continue
-        yield file.name, (corners + 0.5) * reduction.shrink - 0.5
+        corners = corners_in(grey, file.name, printed)
+        if corners is not None:
+            yield file.name, (corners + 0.5) * reduction.shrink - 0.5

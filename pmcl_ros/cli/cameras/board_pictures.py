@@ -72,20 +72,26 @@ def boards_in(of: posed_views.ViewsFile, path: Path, board: Board, reduction: Re
                                      f'{path}: {entry.file}', reduction)
         pinholes.add(view.pinhole)  # a light field has its own
         check_one(path, pinholes)
-        seen = board.seen(view.displayed().mean(axis=2).astype(np.uint8))
-        if seen is not None and isinstance(board, CharucoRing):
-            seen = board.in_plane(seen)
-        if seen is None:
-            tell_missing(entry.file, board)
-            continue
-        found[entry.file] = seen
+        grey = view.displayed().mean(axis=2).astype(np.uint8)
+        seen = corners_in(grey, entry.file, board, view.pinhole)
+        if seen is not None:
+            found[entry.file] = seen
     return found
 
 
-def tell_missing(file: str, board: Board) -> None:
-    """The line about a picture without the board."""
-    what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
-    click.echo(f'{file}: {what}', err=True)
+def corners_in(picture: NDArray[np.uint8], file: str, board: Board, pinhole: Pinhole | None = None
+               ) -> NDArray[np.float64] | None:
+    """Corners (m, 2) [px] in a grey picture, as of `seen`; one without the board is named.
+
+    pinhole: of a picture without distortion; corners that glass shows aside are then left out.
+    """
+    seen = board.seen(picture)
+    if seen is not None and pinhole is not None and isinstance(board, CharucoRing):
+        seen = board.in_plane(seen, pinhole)
+    if seen is None:
+        what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
+        click.echo(f'{file}: {what}', err=True)
+    return seen
 
 
 def check_one(path: Path, pinholes: set[Pinhole]) -> None:

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.agreeing_corners import agreeing
 from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -139,15 +141,18 @@ class CharucoRing:
                                 falling.min(axis=0) - rising.max(axis=0))
         return found
 
-    def in_plane(self, corners: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def in_plane(self, corners: NDArray[np.float64], pinhole: Pinhole
+                 ) -> NDArray[np.float64] | None:
         """What `seen` gives, without corners that are off the plane of the others.
 
-        corners: as of `seen`, without distortion. Behind glass a corner is seen aside.
+        corners: as of `seen`, of a camera without distortion. Behind glass a corner is seen aside.
         """
         shown = np.flatnonzero(np.isfinite(corners[:, 0]))
         plane = self.points[shown, :2]
         off = _off(_homography(plane, corners[shown]), plane, corners[shown])
         shown = shown[off < max(_OUTLIER * float(np.median(off)), _NOISE)]
+        if len(shown) >= _LEAST:  # a homography yields to a corner far from the others
+            shown = shown[agreeing(self.points[shown], corners[shown], pinhole, _LEAST)]
         left = np.full(corners.shape, np.nan)
         left[shown] = corners[shown]
         return left if len(shown) >= _LEAST else None

@@ -53,8 +53,8 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
 
     pictures: by name, (m, 2) corners without distortion [px], NaN: not seen. board: (m, 3) its
     corners [m]. The noise of the corners is estimated from what is left of them.
-    Raises LightFieldError where no pose fits the corners, or another one, with the board tilted
-    the other way, fits nearly as well.
+    Raises LightFieldError where no pose fits the corners, where they are on one line, and where
+    another pose, with the board tilted the other way, fits nearly as well.
     """
     seen = np.array([*pictures.values()])
     shown = np.isfinite(seen).all(axis=2)
@@ -63,9 +63,15 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
                                               flags=cv2.SOLVEPNP_IPPE)
     poses = []
     for each in zip(turns, places, strict=True):
+        if not np.isfinite(each).all():
+            continue
         turn, place = cv2.solvePnPRefineLM(points, corners, pinhole.matrix, np.zeros(4), *each)
         poses.append(inverse(pose_of(Rotation.from_rotvec(turn.ravel()),
                                      place.ravel().astype(float))))
+
+    if not poses:
+        raise LightFieldError(f'{", ".join(pictures)}: the corners that are seen are nearly on '
+                              'one line: show more of the board')
 
     def residuals(camera: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, m, 2) px, 0 of corners that are not seen."""

@@ -88,12 +88,12 @@ def test_corners_behind_glass_are_left_out():
     assert len(behind) > 3
     aside = corners.copy()
     aside[behind] += rng.uniform(1.5, 6, (len(behind), 2))
-    left = ring.in_plane(aside)
+    left = ring.in_plane(aside, PINHOLE)
     assert np.isnan(left[behind]).all()
     others = np.setdiff1d(np.arange(len(exact)), behind)
     np.testing.assert_array_equal(left[others], corners[others])
-    np.testing.assert_array_equal(ring.in_plane(corners), corners)
-    assert ring.in_plane(np.full(corners.shape, 100.0)) is None
+    np.testing.assert_array_equal(ring.in_plane(corners, PINHOLE), corners)
+    assert ring.in_plane(np.full(corners.shape, 100.0), PINHOLE) is None
 
 
 @needs_detector

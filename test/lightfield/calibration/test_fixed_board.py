@@ -80,6 +80,14 @@ def test_a_board_that_may_be_tilted_either_way_is_refused():
         camera_at_board(seen, BOARD.points, pinhole)
 
 
+@pytest.mark.parametrize('beside', [0, 1])
+def test_corners_on_a_line_and_one_beside_it_tell_no_pose(beside):
+    seen = corners(SEEN['left'], PINHOLES['left'], np.random.default_rng(8), 1)
+    seen['0.png'][BOARD.columns + beside:] = np.nan
+    with pytest.raises(LightFieldError, match=r'0.png: the corners .* nearly on one line'):
+        camera_at_board(seen, BOARD.points, PINHOLES['left'])
+
+
 def test_a_board_that_moved_is_refused():
     rng, pinhole = np.random.default_rng(7), PINHOLES['left']
     seen = corners(SEEN['left'], pinhole, rng, 2)

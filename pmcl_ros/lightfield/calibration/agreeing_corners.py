@@ -1,0 +1,51 @@
+"""Which corners of a board agree on its pose: what is seen aside, as behind glass, does not."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from pmcl_ros.geometry.pinhole import Pinhole
+
+_LEAST_NOISE = 0.03  # px, on each axis: what is less off is not suspected
+_UNLIKELY = 0.01  # chance of right corners, one of which is so far off
+
+
+def agreeing(points: NDArray[np.float64], corners: NDArray[np.float64], pinhole: Pinhole,
+             least: int) -> NDArray[np.intp]:
+    """Numbers of the corners that are left where those that do not fit the others are taken out.
+
+    points: (n, 3) on the board's plane [m]. corners: (n, 2) without distortion [px]; few are
+    wrong. least: of corners, 5 or more; where fewer are left, these may be wrong too.
+    """
+    kept, still = np.arange(len(points)), np.zeros(4)
+    while len(kept) >= least:
+        there, seen = points[kept], corners[kept]
+        is_found, turn, place = cv2.solvePnP(there, seen, pinhole.matrix, still,
+                                             flags=cv2.SOLVEPNP_IPPE)
+        if not is_found:
+            return kept[:0]
+        turn, place = cv2.solvePnPRefineLM(there, seen, pinhole.matrix, still, turn, place)
+        expected, slopes = cv2.projectPoints(there, turn, place, pinhole.matrix, still)
+        chances = _chances(seen - expected[:, 0], np.asarray(slopes[:, :6], float))
+        worst = int(chances.argmin())
+        if chances[worst] * len(kept) > _UNLIKELY:
+            break
+        kept = np.delete(kept, worst)
+    return kept
+
+
+def _chances(off: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) chances of right corners to fit so much worse than the others, which are fitted alone.
+
+    off: (n, 2) residuals of a fit to all [px]. slopes: (2 n, 6) derivatives of the corners by the
+    pose. (Cook and Weisberg, "Residuals and Influence in Regression", 1982.)
+    """
+    count = len(off)
+    each = np.arange(count)
+    hat = (slopes @ np.linalg.pinv(slopes)).reshape(count, 2, count, 2)[each, :, each]
+    free = np.linalg.pinv(np.eye(2) - hat, rcond=1e-6, hermitian=True)
+    fewer = np.einsum('ni,nij,nj->n', off, free, off)  # squares, without the corner
+    freedom = 2 * count - 8
+    variance = np.maximum((np.square(off).sum() - fewer) / freedom, _LEAST_NOISE ** 2)
+    return np.asarray(fdtrc(2, freedom, fewer / 2 / variance))
