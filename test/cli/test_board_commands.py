@@ -144,6 +144,10 @@ def test_an_object_is_found_in_a_ring(placed, camera, tmp_path):
             np.rint(outline).astype(np.int32)), 1)
         cv2.imwrite(str(tmp_path / each.name),
                     np.where(hides[..., None] > 0, picture, around)[..., ::-1])
+    done = pmcl('board-poses', tmp_path, '--camera', camera, '--ring', '6x7', '--square', 0.045,
+                status=1)
+    assert done.stderr.count('.png: not enough of the ring') == 3
+    assert not (tmp_path / 'views.yaml').exists()
     options = '--ring', '6x8', '--square', 0.045
     done = pmcl('board-poses', tmp_path, '--camera', camera, *options)
     assert done.stdout.count(' mm away, corners 0.') == 3

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from hashlib import sha256
 
 import cv2
 import numpy as np
@@ -160,9 +161,10 @@ class CharucoRing:
     def _detected(self, picture: NDArray[np.uint8], scale: int) -> NDArray[np.float64]:
         """(n, 2) px of the corners, as `points`, found in the picture `scale` times as large."""
         enlarged = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
-        settings = cv2.aruco.CharucoParameters()
+        detector = cv2.aruco.CharucoDetector(self._board)
+        settings = detector.getCharucoParameters()  # given to it at once they crash OpenCV 4.7
         settings.minMarkers = 1  # beside a corner: the object may hide the other one
-        detector = cv2.aruco.CharucoDetector(self._board, settings)
+        detector.setCharucoParameters(settings)
         positions, numbers, _, _ = detector.detectBoard(enlarged)
         every = np.full(((self.rows - 1) * (self.columns - 1), 2), np.nan)
         if numbers is not None and len(numbers):
@@ -173,8 +175,20 @@ class CharucoRing:
     @property
     def _board(self) -> 'cv2.aruco.CharucoBoard':  # old versions of OpenCV have none
         return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows), self.square, _MARKER * self.square,
-            cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250))
+            (self.columns, self.rows), self.square, _MARKER * self.square, self._markers)
+
+    @property
+    def _markers(self) -> 'cv2.aruco.Dictionary':
+        """Those of the whole board, row by row, in an order that no other numbers have.
+
+        In one order for all, most markers of a ring with more rows would be at the same places,
+        and it would be taken for this one, whose middle is elsewhere.
+        """
+        given = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
+        order = sorted(range(len(given.bytesList)), key=lambda number: sha256(
+            f'{self.columns}x{self.rows} {number}'.encode()).digest())
+        return cv2.aruco.Dictionary(given.bytesList[order[:self.columns * self.rows // 2]],
+                                    given.markerSize, given.maxCorrectionBits)
 
     @property
     def _corners(self) -> NDArray[np.int64]:

@@ -1,5 +1,8 @@
 """A ring of markers, drawn and seen: against truth, covered in part, behind glass."""
 
+from hashlib import sha256
+from itertools import product
+
 import cv2
 import numpy as np
 import pytest
@@ -76,6 +79,26 @@ def test_what_is_covered_is_not_seen_and_the_rest_is():
     assert ring.seen(picture) is None
     assert ring.seen(np.full((480, 640), 90, np.uint8)) is None
     assert ring.seen(page(CharucoRing(6, 6, 0.03), 4)) is None  # the markers of another ring
+
+
+@needs_detector
+def test_a_ring_that_was_printed_stays_what_it_is():
+    drawn = page(CharucoRing(8, 11, 0.024), 5)
+    assert sha256(drawn.tobytes()).hexdigest()[:16] == '84dc64306b49943f'
+
+
+@needs_detector
+@pytest.mark.parametrize('printed', [(8, 11), (6, 8)])
+def test_a_ring_is_not_taken_for_one_of_other_numbers(printed):
+    """Whose middle is elsewhere. The second picture shows a part of the ring only."""
+    ring, rng = CharucoRing(*printed, 0.024), np.random.default_rng(4)
+    pictures = [seen_from(rng, ring, 0.45, 50)[0], seen_from(rng, ring, 0.45, 70)[0]]
+    pictures[1][:, 400:] = 90
+    assert all(ring.seen(each) is not None for each in pictures)
+    columns, rows = printed
+    near = product(range(columns - 1, columns + 2), range(rows - 2, rows + 3))
+    for other in {(rows, columns), *near} - {printed}:
+        assert all(CharucoRing(*other, 0.024).seen(each) is None for each in pictures), other
 
 
 @needs_detector
