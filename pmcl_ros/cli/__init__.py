@@ -20,8 +20,8 @@ _SECTIONS = {
     },
     'Cameras and data': {
         'bag': ('bag', 'Record and extract MCAP bags.'),
-        'board': ('cameras.board', 'Draw a checkerboard to print.'),
-        'board-poses': ('cameras.board', 'Write camera poses by a checkerboard in the pictures.'),
+        'board': ('cameras.board', 'Draw a checkerboard, or a ring, to print.'),
+        'board-poses': ('cameras.board', 'Write camera poses by such a board in the pictures.'),
         'calibrate': ('cameras.calibrate', 'Calibrate a Lytro from pictures of a checkerboard.'),
         'calibrate-camera': ('cameras.board', 'Calibrate an ordinary camera from such pictures.'),
         'camera': ('cameras.camera', 'Use a Lytro on the network, or simulate one.'),

@@ -32,6 +32,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
+_SQUARE = 0.011  # m: of a checkerboard, by default
 _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
@@ -41,8 +42,8 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Inner corners of the checkerboard; one number odd, the other even.')
 @RING
-@click.option('--square', default=0.011, show_default=True, type=float,
-              help='Side of its squares [m].')
+@click.option('--square', type=float, help='Side of its squares [m]; of a checkerboard 0.011 by '
+              'default.')
 @click.option('--fixed-camera', is_flag=True, help='The camera stands beside the arm, and the '
               'board is on the arm. There may be several cameras.')
 @click.option('--no-robot', is_flag=True, help='Two or more cameras stand fixed and see one board '
@@ -58,7 +59,7 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
               'sweep_driver and grasp_node, with the covariance in a comment; of several fixed '
               'cameras one for fixed_cameras.')
 @FORCE
-def handeye(source: Path | None, corners: str, ring: str | None, square: float,
+def handeye(source: Path | None, corners: str, ring: str | None, square: float | None,
             fixed_camera: bool, no_robot: bool, parent: str, shrink: int, simulate: int | None,
             out: Path | None, force: bool) -> None:
     """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a printed board.
@@ -85,7 +86,10 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float,
     refuse_existing([] if out is None else [out], force)
     if ring is not None:
         _refuse('--ring is in place of --corners', 'corners')
-    board = board_of(corners if ring is None else None, ring, square)
+        if square is None:
+            raise click.UsageError('say --square, the side of the squares of the ring [m]')
+    board = board_of(corners if ring is None else None, ring,
+                     _SQUARE if square is None else square)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
     section, comment = '/**/fixed_cameras', ''

@@ -1,4 +1,4 @@
-"""The camera matrix and distortion of an ordinary camera, from pictures of a checkerboard."""
+"""The camera matrix and distortion of an ordinary camera, from pictures of a board."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -142,6 +142,8 @@ def test_fixed_cameras_may_see_a_ring_that_something_hides_in_part(tmp_path):
     check_cameras(folder, tmp_path, poses, '--ring', '6x8', square=0.03)
     result = handeye(folder, '--no-robot', '--ring', '6x8', '--corners', '10x7')
     assert '--ring is in place of --corners: leave out --corners' in result.output
+    result = CliRunner().invoke(main, ['handeye', str(folder), '--no-robot', '--ring', '6x8'])
+    assert 'say --square, the side of the squares of the ring' in result.output
 
 
 def check_cameras(taken, folder, poses, *more, square=0.02):
