@@ -22,13 +22,15 @@ def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
 
 
 def write_file(path: Path | str, content: str | bytes) -> None:
-    """Write a file of text, in UTF-8, or of bytes.
+    r"""Write a file of text, in UTF-8, or of bytes.
 
+    What UTF-8 has not, as in the names of files of another encoding, is written as `\udcff`.
     Raises OutputError, which names it, where that is impossible: its folder is missing, the disk
     is full.
     """
     try:
-        Path(path).write_bytes(content.encode() if isinstance(content, str) else content)
+        Path(path).write_bytes(content.encode(errors='backslashreplace')
+                               if isinstance(content, str) else content)
     except OSError as error:
         raise OutputError(f'cannot write {path}: {error.strerror or error}') from None
 

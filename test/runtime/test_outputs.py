@@ -50,6 +50,8 @@ def test_what_is_forced_is_its_own_also_where_it_is_the_same(tmp_path):
 def test_a_file_holds_what_is_written_and_one_that_cannot_be_written_is_named(tmp_path):
     write_file(tmp_path / 'a.txt', 'Größe\n')
     assert (tmp_path / 'a.txt').read_bytes() == 'Größe\n'.encode()
+    write_file(tmp_path / 'a.txt', os.fsdecode(b'ph\xff'))  # the name of a file
+    assert (tmp_path / 'a.txt').read_bytes() == rb'ph\udcff'
     write_file(str(tmp_path / 'a.txt'), b'\0\xff')
     assert (tmp_path / 'a.txt').read_bytes() == b'\0\xff'
     for path, why in ((tmp_path / 'none' / 'a.txt', 'No such file or directory'),
