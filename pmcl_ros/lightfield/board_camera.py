@@ -55,7 +55,7 @@ def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8
     plain = lens.undistorted(picture.astype(np.float32) / np.float32(255), pinhole)
     seen = board.seen(np.rint(255 * plain).astype(np.uint8))
     if seen is not None and isinstance(board, CharucoRing):
-        seen = board.in_plane(seen)
+        seen = board.in_plane(seen, pinhole)
     if seen is None:
         raise LightFieldError(f'{name} does not show the board {board.options}')
     return camera_at_board({name: seen}, board.points, pinhole)
