@@ -1,9 +1,11 @@
 """docs/reference.md and config/pmcl.yaml are what the code says, and that what the nodes do."""
 
+import re
 from importlib.util import find_spec
 
 import pytest
 import rclpy
+import yaml
 from harness import ROOT
 from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn as Result
@@ -13,6 +15,7 @@ from std_srvs.srv import Trigger
 
 from pmcl_ros.nodes.graph import ALL, OPTIONAL, PRESETS, SERVICES, TOPICS
 from pmcl_ros.nodes.reference import main
+from pmcl_ros.nodes.runtime.parameters import ros_type
 
 MADE = {'docs/reference.md': [], 'config/pmcl.yaml': ['--parameters']}
 
@@ -21,6 +24,21 @@ MADE = {'docs/reference.md': [], 'config/pmcl.yaml': ['--parameters']}
 def test_the_files_are_what_make_docs_writes(capsys, file, arguments):
     assert main(arguments) == 0
     assert (ROOT / file).read_text() == capsys.readouterr().out, f'{file} is old: make docs'
+
+
+# As YAML on one line: NODE: {ros__parameters: {...}}
+WRITTEN = re.compile(r'^ +(\w+): (\{ros__parameters: \{.*?\}\})', re.MULTILINE)
+
+
+def test_parameters_in_how_tos_are_of_their_types():
+    """ROS takes no 1 where it expects 1.0."""
+    classes = {each.name: each.load().settings_class for each in ALL}
+    written = {(node, name, str(value)): value for page in (ROOT / 'docs' / 'howto').glob('*.md')
+               for node, text in WRITTEN.findall(page.read_text())
+               for name, value in yaml.safe_load(text)['ros__parameters'].items()}
+    assert ('board_node', 'ring', '8x11') in written
+    for (node, name, _), value in written.items():
+        assert Parameter(name, value=value).type_ == ros_type(classes[node].model_fields[name])
 
 
 # Parameters with which a node listens to all that it can.
