@@ -9,6 +9,7 @@ from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.readers.pictures import Bits
 from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.lightfield.view_fields import Compressed, Rectified, Reliable
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
@@ -23,12 +24,9 @@ class BoardNodeSettings(Settings):
                          'the board; empty: it is a ring')
     square: float = Field(0.024, gt=1e-4, lt=1, description='side of the squares [m]')
     fixed_frame: str = Field('board', min_length=1, description='frame of the board')
-    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
-                             'image/compressed')
-    rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
-                            'camera_info applies')
-    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
-                           'effort, for cameras that offer no more')
+    compressed: Compressed = False
+    rectified: Rectified = False
+    reliable: Reliable = True
     broadcast_tf: bool = Field(False, description="publish the board as a child of the camera's "
                                'frame on /tf, so that its frame is one of the robot')
     bits: Bits = 16

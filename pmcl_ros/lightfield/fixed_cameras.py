@@ -5,7 +5,14 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.readers.pictures import Bits
-from pmcl_ros.lightfield.view_fields import Common, Gamma, Shrink, SigmaPosition, SigmaRotation
+from pmcl_ros.lightfield.view_fields import (
+    Common,
+    Gamma,
+    Reliable,
+    Shrink,
+    SigmaPosition,
+    SigmaRotation,
+)
 from pmcl_ros.runtime.settings import Settings
 
 _Name = Annotated[str, Field(pattern=r'^/?[A-Za-z]\w*(/[A-Za-z]\w*)*$')]
@@ -23,8 +30,7 @@ class FixedCameraSettings(Settings):
                              'NAME/image_raw/compressed or NAME/image_rect/compressed')
     rectified: bool = Field(False, description='the images are rectified: P of camera_info '
                             'applies')
-    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
-                           'effort, for cameras that offer no more')
+    reliable: Reliable = True
     camera_poses: str = Field('', description='path of a YAML file with `poses` of `cameras`, in '
                               'their order: optical frame to fixed_frame, 16 numbers each; empty: '
                               'by camera_mounts')

@@ -1,9 +1,15 @@
-"""Fields that the settings of posed views and of sweeps share."""
+"""Fields that the settings of ordinary cameras, of posed views and of sweeps share."""
 
 from typing import Annotated
 
 from pydantic import Field
 
+Compressed = Annotated[bool, Field(description='take CompressedImage (JPEG, PNG), from '
+                                   'image/compressed')]
+Rectified = Annotated[bool, Field(description='the images are rectified (image_rect): P of '
+                                  'camera_info applies')]
+Reliable = Annotated[bool, Field(description='subscribe to images reliably; false: best effort, '
+                                 'for cameras that offer no more')]
 Shrink = Annotated[int, Field(ge=1, le=32, description='side of the squares of pixels that are '
                               'averaged to one [px]')]
 Gamma = Annotated[float, Field(ge=0.1, le=10, description="exponent that linearises the images' "

@@ -22,6 +22,7 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.camera_input import Picture, most_waiting, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
+from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import posed_view_outputs, view_outputs
@@ -107,6 +108,7 @@ class SweepDriver(StageNode):
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._ending, self._number = False, False, 0
         self._wanted = 0  # pictures that ~/take asked for
+        self._lines = RepeatedLines()
         self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
         self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
         self._poses.start()
@@ -263,7 +265,11 @@ class SweepDriver(StageNode):
 
     def _give_up(self, waiting: _Waiting, reason: str) -> None:
         self._leave_out(waiting.name, reason)
-        self.dropped(f'{waiting.name}, {waiting.header.stamp_ns}: {reason}')
+        with self.health.lock:
+            self.health.dropped += 1
+        # Poses may be missing for a while, as where a board is out of view: for each picture then.
+        if line := self._lines(f'dropped {waiting.name}, {waiting.header.stamp_ns}: {reason}'):
+            self.get_logger().warning(line)
 
     # out
 

@@ -7,7 +7,16 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.readers.pictures import Bits
-from pmcl_ros.lightfield.view_fields import Common, Gamma, Shrink, SigmaPosition, SigmaRotation
+from pmcl_ros.lightfield.view_fields import (
+    Common,
+    Compressed,
+    Gamma,
+    Rectified,
+    Reliable,
+    Shrink,
+    SigmaPosition,
+    SigmaRotation,
+)
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
@@ -105,12 +114,9 @@ class SweepDriverSettings(ViewSettings):
                        'poses [s]; tf2 interpolates over any')
     patience: float = Field(5.0, gt=0, le=100, description='longest wait of an image for its pose '
                             'and for camera_info [s]; DDS repeats a message that was lost after 3')
-    compressed: bool = Field(False, description='take CompressedImage (JPEG, PNG), from '
-                             'image/compressed')
-    rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
-                            'camera_info applies')
-    reliable: bool = Field(True, description='subscribe to images reliably; false: best '
-                           'effort, for cameras that offer no more')
+    compressed: Compressed = False
+    rectified: Rectified = False
+    reliable: Reliable = True
     at_once: bool = Field(True, description='start to collect on activation; false: on ~/start')
     auto_finish: bool = Field(True, description='publish as soon as the grid is complete; false: '
                               'on ~/finish')

@@ -5,7 +5,8 @@ import time
 from collections.abc import Callable
 from threading import Lock
 
-_STAMP = re.compile(r'\d{13,}|(?<=\bframe )\d+')  # ns; or a running number
+# Stamps [ns], of simulated time too; what was measured; a running number.
+_NUMBER = re.compile(r'\d{10,}|\d+\.\d+|(?<=\bframe )\d+')
 _PERIOD = 10.0  # s: between two lines of one text
 _MOST = 100  # texts that are remembered
 
@@ -21,9 +22,9 @@ class RepeatedLines:
     def __call__(self, line: str) -> str:
         """The line, if it is to be logged now, and how often it came since the last time.
 
-        Lines that differ in stamps, or numbers of frames, alone are one.
+        Lines that differ in stamps, decimal fractions or numbers of frames alone are one.
         """
-        text = _STAMP.sub('', line)
+        text = _NUMBER.sub('', line)
         with self._lock:
             now = self._clock()
             if now < self._logged.get(text, -_PERIOD) + _PERIOD:

@@ -37,6 +37,15 @@ def test_stamps_do_not_make_another_line(lines):
     assert lines(last) == f'{last} (1 times more since the last such line)'
 
 
+@pytest.mark.parametrize(('text', 'first', 'next_one'), [
+    ('dropped {}: too late', 12_000_000_000, 12_033_000_000),  # a simulated clock begins with 0
+    ('the corners are {} px off', 5.1, 4.87),
+    ('frame {} is given up', 9, 10)])
+def test_what_is_measured_or_counted_does_not_make_another_line(lines, text, first, next_one):
+    assert lines(text.format(first))
+    assert lines(text.format(next_one)) == ''
+
+
 def test_what_comes_seldom_is_never_held_back(lines):
     for _ in range(3):
         assert lines('a') == 'a'
