@@ -23,7 +23,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.graph import BOARD_POSES, GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
+from pmcl_ros.nodes.graph import BOARD, BY_BOARD, GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -83,8 +83,8 @@ def start(context):
                            'camera')
     own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}],
            SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {
-               'collect': views, **(BOARD_POSES if board else {})}]
-           } if sweep or views else {}
+               'collect': views, **(BY_BOARD[SWEEP.name] if board else {})}],
+           BOARD.name: [BY_BOARD[BOARD.name]]} if sweep or views else {}
     nodes = [node_of(entry, respawn, *own.get(entry.name, ()),
                      remappings=OF_LYTRO.items() if lytro and entry is SWEEP else ())
              for entry in reversed(chain(bool(sweep or views), lytro, views == 'fixed', board))

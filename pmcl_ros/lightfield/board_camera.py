@@ -1,5 +1,8 @@
 """Where a camera is, by the printed board that its picture shows."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -7,11 +10,13 @@ from pydantic import Field
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
-from pmcl_ros.lightfield.readers.pictures import Bits
+from pmcl_ros.lightfield.readers.pictures import Bits, Reduction
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.view_fields import Compressed, Rectified, Reliable
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
+
+_MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
 
 
 class BoardNodeSettings(Settings):
@@ -42,15 +47,14 @@ def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8
                     name: str) -> CameraAtBoard:
     """Where the camera is that took a grey picture (height, width) of a board.
 
-    name: of the picture. Raises LightFieldError where the picture is not of the lens's size, does
-    not show the board, or does not tell the pose.
+    The picture is of the lens's size. A large one is shrunk; distances of corners are in pixels of
+    what it becomes. name: of the picture.
+    Raises LightFieldError where it does not show the board, or does not tell the pose.
     """
-    pinhole = lens.pinhole
-    if picture.shape != (pinhole.height, pinhole.width):
-        raise LightFieldError(
-            f'{name} has {picture.shape[1]}x{picture.shape[0]} px, its camera (camera_info) '
-            f'{pinhole.width}x{pinhole.height}: give the calibration of this resolution')
-    plain = lens.undistorted(picture.astype(np.float32) / np.float32(255), pinhole)
+    reduction = Reduction(1, math.ceil(math.sqrt(picture.size / _MOST_SEARCHED)))
+    pinhole = reduction.pinhole(lens.pinhole)
+    shrunk = reduction.shrunk(picture.astype(np.float32) / np.float32(255))
+    plain = replace(lens, pinhole=pinhole).undistorted(shrunk, pinhole)
     seen = board.seen(np.rint(255 * plain).astype(np.uint8))
     if seen is not None and isinstance(board, CharucoRing):
         seen = board.in_plane(seen, pinhole)

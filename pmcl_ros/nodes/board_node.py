@@ -17,16 +17,21 @@ from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.pose import pose_to_message, pose_to_transform
-from pmcl_ros.messages.types import message_class
-from pmcl_ros.nodes.camera_input import Picture, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import Picture, Silence, pixels_from, subscribe_camera
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
 from pmcl_ros.nodes.runtime.running import run
-from pmcl_ros.runtime.errors import BagError, LightFieldError, MessageError, SettingsError
+from pmcl_ros.nodes.transforms import transforms_class
+from pmcl_ros.runtime.errors import LightFieldError, MessageError
+
+_LOOK = 1.0  # s between two looks whether pictures come
 
 
 class BoardNode(StageNode):
-    """Publishes where the camera was at each picture that shows the board."""
+    """Publishes where the camera was at each picture that shows the board.
+
+    Of pictures that come faster than boards are found, the newest is taken.
+    """
 
     name = 'board_node'
     settings_class = BoardNodeSettings
@@ -37,11 +42,7 @@ class BoardNode(StageNode):
         self._publisher = self.publisher(PoseStamped, 'camera_pose', MANY)
         self._transforms: Any = None
         if settings.broadcast_tf:
-            try:
-                self._transforms = message_class('tf2_msgs/msg/TFMessage')
-            except BagError as error:
-                raise SettingsError(f"parameter 'broadcast_tf' is true, but {error}: set it to "
-                                    'false and use the topic camera_pose') from None
+            self._transforms = transforms_class('camera_pose')
             self._tf = self.publisher(self._transforms, '/tf', MANY)
         self.get_logger().info(f'looks for the board {self._board.options}; its frame is '
                                f'{settings.fixed_frame}')
@@ -49,31 +50,50 @@ class BoardNode(StageNode):
     def start(self) -> None:
         """Listen."""
         self._lens: Lens | None = None
+        self._early: Picture | None = None  # the last picture that came without a lens
         self._lines = RepeatedLines()
-        subscribe_camera(self, self._settings, 'image', 'camera_info', self._on_image,
-                         self._on_info)
+        self._silence = Silence(self, [subscribe_camera(
+            self, self._settings, 'image', 'camera_info', self._on_image, self._on_info,
+            newest=True)])
+        self.every(_LOOK, self._silence.look)
 
     def _on_info(self, message: CameraInfo) -> None:
         self._lens = None  # where this one is refused, the one before it is outdated
         self._lens = lens_from(message, self._settings.rectified)
+        early, self._early = self._early, None
+        if early is not None:
+            self._find(early, self._lens)
 
     def _on_image(self, message: Picture) -> None:
-        came = time.monotonic()
+        self._silence.broken()
         self.health.frames_in += 1
-        if self._lens is None:
-            raise MessageError('no camera_info that can be used has come')
-        header = header_from(message.header)
+        if self._lens is not None:
+            self._find(message, self._lens)
+            return
+        before, self._early = self._early, message  # its camera_info may be on its way
+        if before is not None:
+            raise MessageError('no camera_info that can be used has come on '
+                               f'{self.resolve_topic_name("camera_info")}')
+
+    def _find(self, message: Picture, lens: Lens) -> None:
+        came, header = time.monotonic(), header_from(message.header)
+        if header.stamp_ns == 0:
+            raise MessageError('its stamp is 0, which is no time: let the camera driver stamp its '
+                               'images')
         picture = pixels_from(message, self._settings.bits)
+        lens.check_size(picture, 'the image')
         if picture.dtype == np.uint16:
             picture = (picture >> 8).astype(np.uint8)
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
         try:
-            found = camera_by_board(self._board, grey, self._lens, 'the image')
+            found = camera_by_board(self._board, grey, lens, 'the image')
         except LightFieldError as error:
             self._not_found(header, str(error))
             return
         self._publish(header, found)
-        self.health.done(time.monotonic() - came, f'corners {found.pixels[0]:.2f} px')
+        position, rotation = found.sigma_beside(self._board.points)
+        self.health.done(time.monotonic() - came, f'corners {found.pixels[0]:.2f} px, errors '
+                         f'{1e3 * position:.2f} mm, {np.rad2deg(rotation):.3f} degrees')
 
     def _not_found(self, header: Header, why: str) -> None:
         with self.health.lock:
@@ -83,11 +103,17 @@ class BoardNode(StageNode):
             self.get_logger().warning(f'{line} (stamp {header.stamp_ns})')
 
     def _publish(self, header: Header, found: CameraAtBoard) -> None:
-        of_board = header_to_message(Header(header.stamp_ns, self._settings.fixed_frame))
+        frame = self._settings.fixed_frame
+        of_board = header_to_message(Header(header.stamp_ns, frame))
         self._publisher.publish(PoseStamped(header=of_board, pose=pose_to_message(found.camera)))
-        if self._transforms is not None:
-            board = pose_to_transform(header, inverse(found.camera), self._settings.fixed_frame)
-            self._tf.publish(self._transforms(transforms=[board]))
+        if self._transforms is None:
+            return
+        if header.frame_id in ('', frame):
+            raise MessageError(f'its frame_id is {header.frame_id!r}, of which {frame!r} is no '
+                               'child on /tf: let the camera driver name the optical frame, or '
+                               'set broadcast_tf to false')
+        board = pose_to_transform(header, inverse(found.camera), frame)
+        self._tf.publish(self._transforms(transforms=[board]))
 
 
 def main() -> int:

@@ -12,7 +12,8 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 
 from pmcl_ros.nodes.graph import (
-    BOARD_POSES,
+    BOARD,
+    BY_BOARD,
     GRASPS,
     NODES,
     OF_LYTRO,
@@ -184,7 +185,8 @@ def _own_values(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
         collect, source = None if options.views == 'fixed' else options.views, 'posed_views'
     return {GRASPS.name: {'grasps': options.grasps},
             SWEEP.name: {'plan': options.sweep, 'collect': collect,
-                         **(BOARD_POSES if options.board else {})},
+                         **(BY_BOARD[SWEEP.name] if options.board else {})},
+            BOARD.name: BY_BOARD[BOARD.name] if options.board else {},
             'pmcl_node': {'source': source}}
 
 

@@ -1,8 +1,10 @@
 """What an ordinary camera sends: its pictures, plain or compressed, and its camera_info."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -17,21 +19,68 @@ from pmcl_ros.nodes.runtime.base import StageNode
 
 Picture: TypeAlias = Image | CompressedImage
 _MOST, _MOST_BYTES = 100, 1 << 28  # of pictures that wait
+_SILENCE = 5.0  # s without a picture of any camera: DDS repeats a message that was lost after 3
 
 
 def subscribe_camera(
         node: StageNode, settings: FixedCameraSettings | SweepDriverSettings | BoardNodeSettings,
         image: str, info: str, on_picture: Callable[[Picture], None],
-        on_info: Callable[[CameraInfo], None]) -> Subscription:
-    """Subscribe to a camera's topics, for `start` of a node; the subscription of its pictures."""
-    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE if settings.reliable
-                     else ReliabilityPolicy.BEST_EFFORT)
-    node.subscribe(CameraInfo, info, on_info, qos)
-    if not settings.compressed:
-        return node.subscribe(Image, image, on_picture, qos)
-    # As of image_transport: who remaps the plain topic remaps this one.
-    return node.subscribe(CompressedImage, f'{node.resolve_topic_name(image)}/compressed',
-                          on_picture, qos)
+        on_info: Callable[[CameraInfo], None], newest: bool = False) -> Subscription:
+    """Subscribe to a camera's topics, for `start` of a node; the subscription of its pictures.
+
+    newest: pictures that come while one is in work give way to the last of them, and are counted.
+    """
+    reliability = (ReliabilityPolicy.RELIABLE if settings.reliable
+                   else ReliabilityPolicy.BEST_EFFORT)
+    node.subscribe(CameraInfo, info, on_info, QoSProfile(depth=10, reliability=reliability))
+    kind: type[Picture] = Image
+    if settings.compressed:  # as of image_transport: who remaps the plain topic remaps this one
+        kind, image = CompressedImage, f'{node.resolve_topic_name(image)}/compressed'
+
+    def missed(count: int) -> None:
+        if newest:
+            node.health.count('pictures skipped', count)
+
+    return node.subscribe(kind, image, on_picture, QoSProfile(
+        depth=1 if newest else 10, reliability=reliability), missed=missed)
+
+
+class Silence:
+    """Tells that no picture of any camera comes; for `start` of a node.
+
+    pictures: the subscriptions.
+    """
+
+    def __init__(self, node: StageNode, pictures: Sequence[Subscription]) -> None:
+        self._node, self._pictures = node, pictures
+        self._heard, self._silent, self._told = time.monotonic(), False, False
+
+    def broken(self) -> None:
+        """A picture has come."""
+        self._heard = time.monotonic()
+        if self._silent:
+            self._silent = False
+            self._node.health.recovered()
+
+    def look(self) -> None:
+        """To be called now and then: after 5 s of silence /diagnostics tells it, the log once."""
+        health = self._node.health
+        failed = health.level != DiagnosticStatus.OK  # that is told until there is a result
+        if self._silent or failed or time.monotonic() - self._heard < _SILENCE:
+            return
+        self._silent = True
+        awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
+                            for each in self._pictures)
+        text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
+        if health.frames_out and all(each.get_publisher_count() for each in self._pictures):
+            health.message = text  # cameras that are there may be triggered rarely
+        else:
+            health.warn(text)
+        if not self._told:
+            self._told = True
+            self._node.get_logger().warning(
+                f'{text}: do the cameras run, are topics to be remapped, is `reliable` what they '
+                'offer?')
 
 
 def most_waiting(size: int) -> int:

@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
@@ -19,7 +18,13 @@ from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.nodes.camera_input import Picture, most_waiting, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import (
+    Picture,
+    Silence,
+    most_waiting,
+    pixels_from,
+    subscribe_camera,
+)
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, TfPoses, tf2
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
@@ -33,7 +38,6 @@ from pmcl_ros.runtime.resources import resolve
 _GROUP = 'cameras'
 _CAMERA = PoseNames('camera_poses', '', 'fixed_frame', '')
 _LOOK = 0.2  # s between two looks for pictures that have waited too long
-_SILENCE = 5.0  # s without a picture of any camera: DDS repeats a message that was lost after 3
 
 
 class _Waiting(NamedTuple):
@@ -80,11 +84,10 @@ class FixedCameras(StageNode):
         if self._tf is not None:
             self._tf.start()
         image = 'image_rect' if settings.rectified else 'image_raw'
-        self._pictures = [
+        self._silence = Silence(self, [
             subscribe_camera(self, settings, f'{each}/{image}', f'{each}/camera_info',
                              partial(self._on_image, each), partial(self._on_info, each))
-            for each in settings.cameras]
-        self._heard, self._silent, self._told = time.monotonic(), False, False
+            for each in settings.cameras])
         self.every(_LOOK, self._look)
 
     def _on_info(self, camera: str, message: CameraInfo) -> None:
@@ -94,10 +97,7 @@ class FixedCameras(StageNode):
             self._add(camera, self._early.pop(camera))
 
     def _on_image(self, camera: str, message: Picture) -> None:
-        self._heard = time.monotonic()
-        if self._silent:
-            self._silent = False
-            self.health.recovered()
+        self._silence.broken()
         self.health.frames_in += 1
         self.health.count(f'pictures of {camera}')
         if camera in self._lenses:
@@ -124,22 +124,7 @@ class FixedCameras(StageNode):
 
     def _look(self) -> None:
         self._join()
-        failed = self.health.level != DiagnosticStatus.OK  # that is told until there is a result
-        if self._silent or failed or time.monotonic() - self._heard < _SILENCE:
-            return
-        self._silent = True
-        awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
-                            for each in self._pictures)
-        text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
-        if self.health.frames_out and all(each.get_publisher_count() for each in self._pictures):
-            # Cameras that are there may be triggered rarely.
-            self.health.message = text
-        else:
-            self.health.warn(text)
-        if not self._told:
-            self._told = True
-            self.get_logger().warning(f'{text}: do the cameras run, are topics to be remapped, is '
-                                      '`reliable` what they offer?')
+        self._silence.look()
 
     def _join(self) -> None:
         """Publish the sets that are complete, the oldest first; give up those that will not be."""

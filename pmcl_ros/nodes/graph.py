@@ -40,9 +40,11 @@ BOARD = NodeEntry('board_node', 'pmcl_ros.nodes.board_node', 'BoardNode')
 # When sweep_driver takes a posed view; fixed: fixed_cameras takes them.
 VIEWS = ('rest', 'service', 'plan', 'fixed')
 ALL = (*NODES, GRASPS, SWEEP, FIXED, BOARD)
-# Parameters of sweep_driver where a board tells the poses: of the optical frame, in its own.
-BOARD_POSES: dict[str, Any] = {'poses': 'topic', 'fixed_frame': 'board',
-                               'mount_position': [0.0] * 3, 'mount_rpy': [0.0] * 3}
+# Parameters of both where a board tells the poses: of the optical frame, in the board's own.
+BY_BOARD: dict[str, dict[str, Any]] = {
+    BOARD.name: {'fixed_frame': 'board'},
+    SWEEP.name: {'poses': 'topic', 'fixed_frame': 'board', 'mount_position': [0.0] * 3,
+                 'mount_rpy': [0.0] * 3}}
 # What it listens to where a Lytro is moved: the centre views.
 OF_LYTRO = {'image': 'center/image', 'camera_info': 'center/camera_info'}
 
@@ -80,7 +82,7 @@ class TopicEntry(NamedTuple):
     """One topic: its name, relative to the namespace of the nodes, and who has to do with it.
 
     publishers: nodes, or in words who else. subscribers: nodes. quality: of publishers, and of
-    subscribers where `subscribed` is not given.
+    subscribers where `subscribed` is not given. newest: subscribers that keep the last one only.
     """
 
     name: str
@@ -90,6 +92,12 @@ class TopicEntry(NamedTuple):
     subscribers: tuple[str, ...]
     what: str
     subscribed: Quality | None = None
+    newest: tuple[str, ...] = ()
+
+    def quality_for(self, subscriber: str) -> Quality:
+        """With which a node subscribes."""
+        quality = self.subscribed or self.quality
+        return quality._replace(depth=1) if subscriber in self.newest else quality
 
 
 _IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
@@ -114,7 +122,7 @@ TOPICS = (
                'of an ordinary camera on the arm, or moved otherwise'),
     TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP, _BOARD),
                'its pictures; where `compressed` is true, `image/compressed`, CompressedImage; '
-               'where `reliable` is false, best effort'),
+               'where `reliable` is false, best effort', newest=(_BOARD,)),
     *(TopicEntry(f'{camera}/{name}', kind, SMALL, ('a camera',), (_FIXED,), what)
       for camera in ('left', 'right') for name, kind, what in (
           ('camera_info', _INFO, 'of one of `cameras`'),

@@ -113,7 +113,7 @@ def _topics() -> Iterator[str]:
         for each in (*TOPICS, *OPTIONAL):
             for direction, nodes, quality in (
                     ('out', each.publishers, each.quality),
-                    ('in', each.subscribers, each.subscribed or each.quality)):
+                    ('in', each.subscribers, each.quality_for(node))):
                 if node in nodes:
                     yield _row(node, direction, f'`{each.name}`', each.type, quality.describe(),
                                each.what)

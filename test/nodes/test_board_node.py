@@ -1,6 +1,7 @@
 """A printed board tells where a camera is: against truth, alone and with sweep_driver."""
 
-
+import sys
+from contextlib import contextmanager
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from harness import ACTIVATE, CONFIGURE, Process
 from painted_boards import painted
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
@@ -58,18 +60,22 @@ def picture_from(board, camera):
 class Camera:
     """A driver."""
 
-    def __init__(self, user):
+    def __init__(self, user, told=True):
         self.user = user
         # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
         self.image = user.publisher(Image, 'image', BIG)
         self.info = user.publisher(CameraInfo, 'camera_info', BIG)
+        if told:
+            self.tell()
+
+    def tell(self):
         message = pinhole_to_message(Header(START, 'wrist_camera'), LENS.pinhole)
         message.d = [*LENS.distortion, 0.0]
         self.info.publish(message)
-        user.delivered(self.info)
+        self.user.delivered(self.info)
 
-    def shoot(self, picture, stamp_ns):
-        self.image.publish(picture_to_message(Header(stamp_ns, 'wrist_camera'), picture))
+    def shoot(self, picture, stamp_ns, frame_id='wrist_camera'):
+        self.image.publish(picture_to_message(Header(stamp_ns, frame_id), picture))
         self.user.delivered(self.image)
 
 
@@ -95,12 +101,13 @@ def test_views_of_a_camera_that_somebody_holds(tmp_path, user):
         health = user.listen(DiagnosticArray, '/diagnostics', SMALL)
         user.listen(Image, 'posed_views', BIG)
         camera, now = Camera(user), START
-        for number, place in enumerate(places):
+        for place in places:
             picture = picture_from(ring, place)
             for _ in range(4):
                 now += 100 * MS
+                count = len(poses)
                 camera.shoot(picture, now)
-            user.wait(lambda number=number: len(poses) == 4 * (number + 1), 'the poses')
+                user.wait(lambda count=count: len(poses) > count, 'a pose')
             now += 1000 * MS
             camera.shoot(wall, now)
             user.wait(lambda: _told(health) == DiagnosticStatus.WARN, 'a warning')
@@ -122,35 +129,124 @@ def _told(health):
     return levels[-1] if levels else None
 
 
-def test_a_checkerboard_is_a_child_of_the_camera_s_frame(user, tf_message, capfd):  # noqa: F811
-    board, context = Checkerboard(10, 7, 0.02), Context()
+@contextmanager
+def in_this_process(user, **parameters):
+    """A node whose executor spins with the user's; not yet configured."""
+    context = Context()
     rclpy.init(context=context)
     node = BoardNode(context=context, parameter_overrides=[
-        Parameter(name, value=value) for name, value in (
-            ('corners', '10x8x2'), ('square', 0.02), ('broadcast_tf', True),
-            ('fixed_frame', 'table'))])
+        Parameter(name, value=value) for name, value in parameters.items()])
     executor = SingleThreadedExecutor(context=context)
     try:
         executor.add_node(node)
         user.others.append(executor)
-        assert node.trigger_configure() == Result.FAILURE
-        assert "corners '10x8x2' are not like 10x7" in capfd.readouterr().err
-        node.set_parameters([Parameter('corners', value='10x7')])
-        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
-        transforms = user.listen(tf_message, '/tf', MANY)
-        turn = Rotation.from_euler('xz', [35, 20], degrees=True)
-        seen = pose_of(turn, [0, 0, 0.5] - turn.apply(board.points.mean(axis=0)))
-        camera = Camera(user)
-        camera.shoot(picture_from(board, inverse(seen)), START)
-        user.wait(lambda: transforms, 'a transform')
-        header, child, found = transform_from(transforms[0].transforms[0])
-        assert (header, child) == (Header(START, 'wrist_camera'), 'table')
-        assert off(found, seen) < 1
-        camera.shoot(np.full((240, 320, 3), 90, np.uint8), START + MS)
-        user.wait(lambda: 'has 320x240 px' in node.health.message, 'a warning')
+        yield node
     finally:
         executor.shutdown()
         node.close()
         rclpy.shutdown(context=context)
 
 
+def seen_at(board, degrees):
+    """(4, 4) a checkerboard before the camera, turned about its axis, to the camera."""
+    turn = Rotation.from_euler('xz', [35, degrees], degrees=True)
+    return pose_of(turn, [0, 0, 0.5] - turn.apply(board.points.mean(axis=0)))
+
+
+def test_a_checkerboard_is_a_child_of_the_camera_s_frame(user, tf_message, capfd):  # noqa: F811
+    board = Checkerboard(10, 7, 0.02)
+    seen = seen_at(board, 20)
+    picture = picture_from(board, inverse(seen))
+    with in_this_process(user, corners='10x8x2', square=0.02, broadcast_tf=True,
+                         fixed_frame='table') as node:
+        assert node.trigger_configure() == Result.FAILURE
+        assert "corners '10x8x2' are not like 10x7" in capfd.readouterr().err
+        node.set_parameters([Parameter('corners', value='10x7')])
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        transforms = user.listen(tf_message, '/tf', MANY)
+        camera = Camera(user)
+        camera.shoot(picture, START)
+        user.wait(lambda: transforms, 'a transform')
+        header, child, found = transform_from(transforms[0].transforms[0])
+        assert (header, child) == (Header(START, 'wrist_camera'), 'table')
+        assert off(found, seen) < 1
+        poses = user.listen(PoseStamped, 'camera_pose', MANY)
+        for number, frame_id in enumerate(('', 'table'), 1):  # tf2 takes neither
+            camera.shoot(picture, START + number * MS, frame_id)
+            user.wait(lambda frame_id=frame_id: f'frame_id is {frame_id!r}' in node.health.message,
+                      'an error')
+        user.wait(lambda: len(poses) == 2, 'the poses, which are told all the same')
+        assert len(transforms) == 1
+
+
+def test_without_tf2_msgs_the_node_says_what_to_do(user, monkeypatch, capfd):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)  # as if it were not installed
+    with in_this_process(user, corners='10x7', broadcast_tf=True) as node:
+        assert node.trigger_configure() == Result.FAILURE
+        error = capfd.readouterr().err
+        assert 'not on PyPI): set broadcast_tf to false and use the topic camera_pose' in error
+        assert 'Traceback' not in error
+        node.set_parameters([Parameter('broadcast_tf', value=False)])
+        assert node.trigger_configure() == Result.SUCCESS
+
+
+def test_what_cannot_be_used_is_refused(user):
+    board = Checkerboard(10, 7, 0.02)
+    picture = picture_from(board, inverse(seen_at(board, 20)))
+    with in_this_process(user, corners='10x7', square=0.02) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        camera = Camera(user)
+        camera.shoot(np.full((240, 320, 3), 90, np.uint8), START)
+        user.wait(lambda: 'has 320x240 px' in node.health.message, 'the size to be refused')
+        camera.shoot(picture, 0)
+        user.wait(lambda: 'stamp is 0, which is no time' in node.health.message, 'its refusal')
+        assert (node.health.level, node.health.errors) == (DiagnosticStatus.ERROR, 2)
+        camera.shoot(picture, START)
+        user.wait(lambda: node.health.frames_out == 1, 'the pose')
+        assert node.health.level == DiagnosticStatus.OK
+
+
+def test_an_image_waits_for_its_camera_info(user):
+    board = Checkerboard(10, 7, 0.02)
+    picture = picture_from(board, inverse(seen_at(board, 20)))
+    with in_this_process(user, corners='10x7', square=0.02) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        poses = user.listen(PoseStamped, 'camera_pose', MANY)
+        camera = Camera(user, told=False)
+        camera.shoot(picture, START)
+        user.wait(lambda: node.health.frames_in == 1, 'the image')
+        assert node.health.errors == 0
+        camera.shoot(picture, START + MS)
+        user.wait(lambda: node.health.errors, 'the word that there is no calibration')
+        assert 'no camera_info that can be used has come on /camera_info' in node.health.message
+        camera.tell()
+        user.wait(lambda: poses, 'the pose')
+    assert pose_from(poses[0])[0].stamp_ns == START + MS
+
+
+def test_of_images_that_come_faster_than_they_are_searched_the_newest_is_taken(user):
+    board = Checkerboard(10, 7, 0.02)
+    truths = [seen_at(board, degrees) for degrees in (20, 30, 40, 50)]
+    pictures = [picture_from(board, inverse(each)) for each in truths]
+    with in_this_process(user, corners='10x7', square=0.02) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        poses = user.listen(PoseStamped, 'camera_pose', MANY)
+        camera = Camera(user)
+        camera.shoot(pictures[0], START)
+        user.wait(lambda: poses, 'the first pose')
+        for number, picture in enumerate(pictures[1:], 1):  # the node does not spin meanwhile
+            camera.image.publish(picture_to_message(Header(START + number * MS, 'c'), picture))
+            assert camera.image.wait_for_all_acked(Duration(seconds=60))
+        user.wait(lambda: len(poses) == 2, 'the next pose')
+        assert node.health.counts == {'pictures skipped': 2}
+    header, found = pose_from(poses[1])
+    assert header.stamp_ns == START + 3 * MS
+    assert off(inverse(found), truths[3]) < 1
+
+
+def test_that_no_image_comes_is_told(user):
+    with in_this_process(user, corners='10x7', compressed=True) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        user.wait(lambda: node.health.level == DiagnosticStatus.WARN, 'a warning')
+        assert node.health.message == ('no picture for 5 s; awaited on /image/compressed '
+                                       '(publishers: 0)')

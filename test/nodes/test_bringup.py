@@ -169,12 +169,14 @@ def test_what_a_file_gives_to_all_nodes_is_told_of_none(tmp_path, user, write, h
 def test_a_board_tells_where_the_camera_is(tmp_path, user, write):
     """Whatever the file says of an arm."""
     mount = tmp_path / 'mount.yaml'
-    mount.write_text('/**: {ros__parameters: {mount_position: [0.1, 0.2, 0.3], poses: tf}}')
+    mount.write_text('/**: {ros__parameters: {mount_position: [0.1, 0.2, 0.3], poses: tf, '
+                     'fixed_frame: table}}')
     with Process(tmp_path, BRINGUP, '--params-file', write(), '--views', 'rest', '--board',
                  '--without', 'dlv_node', '--ros-args', '--params-file', mount) as chain:
         user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
         assert 'active: pmcl_node, sweep_driver, board_node' in chain.log
         assert 'poses topic: poses in board come from camera_pose' in chain.log
+        assert 'its frame is board' in chain.log
         assert 'mount_position=(0.0, 0.0, 0.0)' in chain.log
 
 

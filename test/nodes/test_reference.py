@@ -95,7 +95,7 @@ def test_topics_and_services_are_those_of_the_nodes(node):
     assert ends(node, node.publishers) == listed(
         each for each in (*TOPICS, *INSTALLED) if {name, 'all nodes'} & {*each.publishers})
     assert ends(node, node.subscriptions) == listed(
-        each._replace(quality=each.subscribed or each.quality) for each in TOPICS
+        each._replace(quality=each.quality_for(name)) for each in TOPICS
         if name in each.subscribers and each.name not in CONDITIONAL.get(name, ()))
     triggers = [each.srv_name for each in node.services if each.srv_type is Trigger]
     assert triggers == [service for service, _ in SERVICES.get(name, ())]

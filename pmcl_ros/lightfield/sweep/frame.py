@@ -63,6 +63,14 @@ class Lens:
             return cls(pinhole)
         return cls(pinhole, distortion, cast(DistortionModel, model))  # which is checked there
 
+    def check_size(self, picture: NDArray[Any], name: str) -> None:
+        """Raise LightFieldError for a picture (height, width[, 3]) of another size; name: its."""
+        height, width = picture.shape[:2]
+        if (width, height) != (self.pinhole.width, self.pinhole.height):
+            raise LightFieldError(
+                f'{name} has {width}x{height} px, its camera (camera_info) {self.pinhole.width}x'
+                f'{self.pinhole.height}: give the calibration of this resolution')
+
     def places(self, turn: NDArray[np.float64], wanted: Pinhole
                ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Column and row [px] in this image of the direction of each pixel of `wanted`.
@@ -172,17 +180,12 @@ class SweepFrame:
     angular_speed: float = 0.0
 
     def __post_init__(self) -> None:
-        pinhole = self.lens.pinhole
         if (self.image.ndim != 3 or self.image.shape[2] != 3
                 or self.image.dtype not in (np.uint8, np.uint16, np.float32)):
             raise LightFieldError(
                 f'{self.name} is {self.image.dtype} of shape {self.image.shape}; expected '
                 '(height, width, 3) of uint8, uint16 or float32')
-        if self.image.shape[:2] != (pinhole.height, pinhole.width):
-            raise LightFieldError(
-                f'{self.name} has {self.image.shape[1]}x{self.image.shape[0]} px, its camera '
-                f'(camera_info) {pinhole.width}x{pinhole.height}: give the calibration of this '
-                'resolution')
+        self.lens.check_size(self.image, self.name)
         turn = self.pose[:3, :3]
         if (self.pose.shape != (4, 4) or not np.isfinite(self.pose).all()
                 or abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.linalg.det(turn) < 0):

@@ -5,10 +5,9 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from pmcl_ros.messages.pose import estimate_to_transform
-from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.nodes.transforms import transforms_class
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.runtime.errors import BagError, SettingsError
 
 # Latched; but tf2's listeners are volatile: to them what was sent before they came is not sent.
 _TF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -23,11 +22,7 @@ class ObjectFrame:
     """
 
     def __init__(self, node: StageNode, name: str) -> None:
-        try:
-            self._class: Any = message_class('tf2_msgs/msg/TFMessage')
-        except BagError as error:
-            raise SettingsError(f"parameter 'broadcast_tf' is true, but {error}: set broadcast_tf "
-                                'to false and use the topic pose') from None
+        self._class: Any = transforms_class('pose')
         self._name, self._last = name, None
         self._publisher = node.publisher(self._class, '/tf', _TF, self._repeat)
 

@@ -49,10 +49,10 @@ class Health:
         recent = sum(each > now - _WINDOW for each in list(self._results))
         return recent / min(_WINDOW, max(now - self._began, 1.0))
 
-    def count(self, what: str) -> None:
-        """One more of `what`."""
+    def count(self, what: str, number: int = 1) -> None:
+        """One more of `what`, or several."""
         with self.lock:
-            self.counts[what] = self.counts.get(what, 0) + 1
+            self.counts[what] = self.counts.get(what, 0) + number
 
     def done(self, latency: float, message: str = 'active') -> None:
         """A result was published `latency` seconds after its input had come."""
