@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from pydantic import Field
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
+from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, focal_error
 from pmcl_ros.lightfield.readers.pictures import Bits, Reduction
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.view_fields import Compressed, Rectified, Reliable
@@ -17,6 +19,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
+_CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
 
 
 class BoardNodeSettings(Settings):
@@ -43,8 +46,17 @@ class BoardNodeSettings(Settings):
                 else CharucoRing.parse(self.ring, self.square))
 
 
+class CameraByBoard(NamedTuple):
+    """at: where the camera is. longer: the share by which the focal length is longer, or shorter
+    (negative), where the board fits best; 0 where that is not clear.
+    """
+
+    at: CameraAtBoard
+    longer: float
+
+
 def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8], lens: Lens,
-                    name: str) -> CameraAtBoard:
+                    name: str) -> CameraByBoard:
     """Where the camera is that took a grey picture (height, width) of a board.
 
     The picture is of the lens's size. A large one is shrunk; distances of corners are in pixels of
@@ -60,4 +72,7 @@ def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8
         seen = board.in_plane(seen, pinhole)
     if seen is None:
         raise LightFieldError(f'{name} does not show the board {board.options}')
-    return camera_at_board({name: seen}, board.points, pinhole)
+    at = camera_at_board({name: seen}, board.points, pinhole)
+    longer, sigma = focal_error({name: seen}, board.points, pinhole)
+    return CameraByBoard(at, longer if abs(longer) > _CLEAR * math.hypot(sigma, LARGEST_ERROR)
+                         else 0)

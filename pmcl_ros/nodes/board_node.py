@@ -7,12 +7,12 @@ from typing import Any
 import cv2
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.board_camera import BoardNodeSettings, camera_by_board
-from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from, header_to_message
@@ -88,31 +88,37 @@ class BoardNode(StageNode):
         try:
             found = camera_by_board(self._board, grey, lens, 'the image')
         except LightFieldError as error:
-            self._not_found(header, str(error))
+            with self.health.lock:
+                self.health.dropped += 1
+                self._warn(header, f'no camera pose: {error}')
             return
-        self._publish(header, found)
-        position, rotation = found.sigma_beside(self._board.points)
-        self.health.done(time.monotonic() - came, f'corners {found.pixels[0]:.2f} px, errors '
-                         f'{1e3 * position:.2f} mm, {np.rad2deg(rotation):.3f} degrees')
-
-    def _not_found(self, header: Header, why: str) -> None:
+        self._publish(header, found.at.camera)
+        position, rotation = found.at.sigma_beside(self._board.points)
         with self.health.lock:
-            self.health.dropped += 1
-            self.health.warn(why)
-        if line := self._lines(f'no camera pose: {why}'):
+            self.health.done(time.monotonic() - came, f'corners {found.at.pixels[0]:.2f} px, '
+                             f'errors {1e3 * position:.2f} mm, {np.rad2deg(rotation):.3f} degrees')
+            if found.longer:
+                self._warn(header, 'the board fits best with a focal length that is '
+                           f'{100 * abs(found.longer):.1f} % '
+                           f'{"longer" if found.longer > 0 else "shorter"}: is camera_info that '
+                           'of this camera, zoom and focus, and is the board flat?')
+
+    def _warn(self, header: Header, message: str) -> None:
+        self.health.warn(message)
+        if line := self._lines(message):
             self.get_logger().warning(f'{line} (stamp {header.stamp_ns})')
 
-    def _publish(self, header: Header, found: CameraAtBoard) -> None:
+    def _publish(self, header: Header, camera: NDArray[np.float64]) -> None:
         frame = self._settings.fixed_frame
         of_board = header_to_message(Header(header.stamp_ns, frame))
-        self._publisher.publish(PoseStamped(header=of_board, pose=pose_to_message(found.camera)))
+        self._publisher.publish(PoseStamped(header=of_board, pose=pose_to_message(camera)))
         if self._transforms is None:
             return
         if header.frame_id in ('', frame):
             raise MessageError(f'its frame_id is {header.frame_id!r}, of which {frame!r} is no '
                                'child on /tf: let the camera driver name the optical frame, or '
                                'set broadcast_tf to false')
-        board = pose_to_transform(header, inverse(found.camera), frame)
+        board = pose_to_transform(header, inverse(camera), frame)
         self._tf.publish(self._transforms(transforms=[board]))
 
 

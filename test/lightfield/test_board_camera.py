@@ -11,16 +11,27 @@ from pmcl_ros.lightfield.board_camera import camera_by_board
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.sweep.frame import Lens
 
+BOARD = Checkerboard(10, 7, 0.02)
+_TURN = Rotation.from_euler('xz', [35, 20], degrees=True)
+SEEN = pose_of(_TURN, [0, 0, 0.5] - _TURN.apply(BOARD.points.mean(axis=0)))  # to the camera
+
 
 def test_a_large_picture_is_shrunk_with_its_lens():
     """So that it tells exactly what the picture that it becomes tells."""
-    board, pinhole = Checkerboard(10, 7, 0.02), Pinhole(900, 700, 800, 800, 452, 347)
-    turn = Rotation.from_euler('xz', [35, 20], degrees=True)
-    seen = pose_of(turn, [0, 0, 0.5] - turn.apply(board.points.mean(axis=0)))
-    small = picture_of_board(board, seen, pinhole)
+    pinhole = Pinhole(900, 700, 800, 800, 452, 347)
+    small = picture_of_board(BOARD, SEEN, pinhole)
     large = np.kron(small, np.ones((2, 2), np.uint8))  # 2.5 megapixels
     distortion = (-0.02, 0.01, 0.0, 0.0)
-    found, same = (camera_by_board(board, picture, Lens(of, distortion), 'a') for picture, of in (
+    found, same = (camera_by_board(BOARD, picture, Lens(of, distortion), 'a') for picture, of in (
         (large, pinhole.resized(1800, 1400)), (small, pinhole)))
-    np.testing.assert_allclose(found.camera, same.camera, atol=1e-6)
-    assert found.pixels == pytest.approx(same.pixels, rel=1e-3)
+    np.testing.assert_allclose(found.at.camera, same.at.camera, atol=1e-6)
+    assert found.at.pixels == pytest.approx(same.at.pixels, rel=1e-3)
+
+
+@pytest.mark.parametrize(('fx', 'longer'), [(800, 0), (808, 0), (760, 800 / 760 - 1),
+                                            (850, 800 / 850 - 1)])
+def test_a_focal_length_that_is_clearly_another_is_told(fx, longer):
+    pinhole = Pinhole(900, 700, 800, 800, 452, 347)
+    found = camera_by_board(BOARD, picture_of_board(BOARD, SEEN, pinhole),
+                            Lens(Pinhole(900, 700, fx, fx, 452, 347)), 'a')
+    assert found.longer == pytest.approx(longer, abs=0.005)

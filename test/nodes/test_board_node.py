@@ -1,7 +1,9 @@
 """A printed board tells where a camera is: against truth, alone and with sweep_driver."""
 
+import re
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -68,8 +70,9 @@ class Camera:
         if told:
             self.tell()
 
-    def tell(self):
-        message = pinhole_to_message(Header(START, 'wrist_camera'), LENS.pinhole)
+    def tell(self, longer=1.0):
+        pinhole = replace(LENS.pinhole, fx=longer * LENS.pinhole.fx, fy=longer * LENS.pinhole.fy)
+        message = pinhole_to_message(Header(START, 'wrist_camera'), pinhole)
         message.d = [*LENS.distortion, 0.0]
         self.info.publish(message)
         self.user.delivered(self.info)
@@ -204,6 +207,12 @@ def test_what_cannot_be_used_is_refused(user):
         camera.shoot(picture, START)
         user.wait(lambda: node.health.frames_out == 1, 'the pose')
         assert node.health.level == DiagnosticStatus.OK
+        camera.tell(1.1)
+        camera.shoot(picture, START + MS)
+        user.wait(lambda: node.health.frames_out == 2, 'the next pose')
+        assert node.health.level == DiagnosticStatus.WARN
+        assert re.match('the board fits best with a focal length that is .* % shorter: is camera_'
+                        'info that of this', node.health.message)
 
 
 def test_an_image_waits_for_its_camera_info(user):
