@@ -1,6 +1,5 @@
 """Where a camera is, by the printed board that its picture shows."""
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,15 +10,17 @@ from pydantic import Field
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
-from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, focal_error
-from pmcl_ros.lightfield.readers.pictures import Bits, Reduction
+from pmcl_ros.lightfield.calibration.printed_board import (
+    Board,
+    clear_focal_error,
+    corners_seen,
+    reduction_for,
+)
+from pmcl_ros.lightfield.readers.pictures import Bits
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.view_fields import Compressed, Rectified, Reliable
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
-
-_MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
-_CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
 
 
 class BoardNodeSettings(Settings):
@@ -40,7 +41,7 @@ class BoardNodeSettings(Settings):
     bits: Bits = 16
 
     @property
-    def board(self) -> Checkerboard | CharucoRing:
+    def board(self) -> Board:
         """Raises SettingsError for numbers that no board has."""
         return (Checkerboard.parse(self.corners, self.square) if self.corners
                 else CharucoRing.parse(self.ring, self.square))
@@ -55,7 +56,7 @@ class CameraByBoard(NamedTuple):
     longer: float
 
 
-def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8], lens: Lens,
+def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
                     name: str) -> CameraByBoard:
     """Where the camera is that took a grey picture (height, width) of a board.
 
@@ -63,16 +64,13 @@ def camera_by_board(board: Checkerboard | CharucoRing, picture: NDArray[np.uint8
     what it becomes. name: of the picture.
     Raises LightFieldError where it does not show the board, or does not tell the pose.
     """
-    reduction = Reduction(1, math.ceil(math.sqrt(picture.size / _MOST_SEARCHED)))
+    reduction = reduction_for(lens.pinhole.width, lens.pinhole.height)
     pinhole = reduction.pinhole(lens.pinhole)
     shrunk = reduction.shrunk(picture.astype(np.float32) / np.float32(255))
     plain = replace(lens, pinhole=pinhole).undistorted(shrunk, pinhole)
-    seen = board.seen(np.rint(255 * plain).astype(np.uint8))
-    if seen is not None and isinstance(board, CharucoRing):
-        seen = board.in_plane(seen, pinhole)
+    seen = corners_seen(board, np.rint(255 * plain).astype(np.uint8), pinhole)
     if seen is None:
         raise LightFieldError(f'{name} does not show the board {board.options}')
     at = camera_at_board({name: seen}, board.points, pinhole)
-    longer, sigma = focal_error({name: seen}, board.points, pinhole)
-    return CameraByBoard(at, longer if abs(longer) > _CLEAR * math.hypot(sigma, LARGEST_ERROR)
-                         else 0)
+    mismatch = clear_focal_error({name: seen}, board, pinhole)
+    return CameraByBoard(at, 0 if mismatch is None else mismatch[0])

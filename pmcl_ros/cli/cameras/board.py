@@ -1,6 +1,5 @@
 """`pmcl board`, `calibrate-camera`, `board-poses`: ordinary cameras by a printed board."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from rich.progress import track
 
 from pmcl_ros.cli.base import CAMERA, FORCE, STDERR, Needed
 from pmcl_ros.cli.cameras.board_pictures import (
-    Board,
     RestingCameras,
     board_of,
     board_options,
@@ -21,16 +19,19 @@ from pmcl_ros.cli.cameras.board_pictures import (
 )
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
-from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, fit_intrinsics, focal_error
+from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
+from pmcl_ros.lightfield.calibration.printed_board import (
+    Board,
+    clear_focal_error,
+    reduction_for,
+)
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers import posed_views
-from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
+from pmcl_ros.lightfield.readers.pictures import picture_size, read_picture
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
-_MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes many seconds
-_CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
 _PICTURES = Needed('It is a folder of PNG, JPEG, TIFF, ...: docs/howto/board.md', folder=True)
 _OUT = click.Path(dir_okay=False, path_type=Path)
 
@@ -112,7 +113,7 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     listed = RestingCameras.make({
         'cameras': cameras, 'reference': 'board',
         'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
-    reduction = _reduction(of.width, of.height)
+    reduction = reduction_for(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
     views, boards = [], boards_in(listed, path, printed, reduction, set())
     for file, seen in boards.items():
@@ -129,9 +130,9 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
         raise LightFieldError(
             f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
             'pictures: are these its numbers, and is it in view?')
-    off, sigma = focal_error({str(each['file']): boards[str(each['file'])] for each in views},
-                             points, pinhole)
-    if abs(off) > _CLEAR * np.hypot(sigma, LARGEST_ERROR):
+    used = {str(each['file']): boards[str(each['file'])] for each in views}
+    if (mismatch := clear_focal_error(used, printed, pinhole)) is not None:
+        off, sigma = mismatch
         click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '
                    f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
@@ -171,14 +172,10 @@ def _size(files: list[Path]) -> tuple[int, int]:
     return sizes[0]
 
 
-def _reduction(width: int, height: int) -> Reduction:
-    return Reduction(1, math.ceil(math.sqrt(width * height / _MOST_SEARCHED)))
-
-
 def _seen(files: list[Path], printed: Board, size: tuple[int, int]
           ) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Names and corners (m, 2) [px] of the pictures that show the board; others are named."""
-    reduction = _reduction(*size)
+    reduction = reduction_for(*size)
     for file in track(files, console=STDERR, description='boards', transient=True):
         picture = encoded(read_picture(file), GAMMA)
         grey = np.rint(255 * reduction.shrunk(picture).mean(axis=2)).astype(np.uint8)

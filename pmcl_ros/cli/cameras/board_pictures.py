@@ -14,11 +14,11 @@ from pmcl_ros.cli.base import STDERR, with_options
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.printed_board import Board, corners_seen
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
-Board = Checkerboard | CharucoRing
 RING = click.option('--ring', metavar='COLUMNSxROWS', help='In place of --corners: squares along '
                     'the sides of a ring of markers, as 8x11. An object may stand in its middle.')
 _OPTIONS = (
@@ -85,9 +85,7 @@ def corners_in(picture: NDArray[np.uint8], file: str, board: Board, pinhole: Pin
 
     pinhole: of a picture without distortion; corners that glass shows aside are then left out.
     """
-    seen = board.seen(picture)
-    if seen is not None and pinhole is not None and isinstance(board, CharucoRing):
-        seen = board.in_plane(seen, pinhole)
+    seen = board.seen(picture) if pinhole is None else corners_seen(board, picture, pinhole)
     if seen is None:
         what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
         click.echo(f'{file}: {what}', err=True)

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.cli.base import FORCE, STDERR, Needed
 from pmcl_ros.cli.cameras.board_pictures import (
     RING,
-    Board,
     RestingCameras,
     board_of,
     boards_in,
@@ -24,6 +23,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
+from pmcl_ros.lightfield.calibration.printed_board import Board
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
