@@ -152,8 +152,9 @@ def test_an_object_is_found_in_a_ring(placed, camera, tmp_path):
     done = pmcl('board-poses', tmp_path, '--camera', camera, *options)
     assert done.stdout.count(' mm away, corners 0.') == 3
     assert not done.stderr.strip()
-    done = pmcl('localize', tmp_path, '--object', capture / 'model.obj', '--json', '--table',
-                0, 0, 0, 0, 0, 1, '--tilt', 0, 20, '--set', 'proposals=200,particles=64')
+    where = re.search(r'^what stands in the ring: (--roi 0 0 .*)$', done.stdout, re.M)[1].split()
+    done = pmcl('localize', tmp_path, '--object', capture / 'model.obj', '--json', *where, '--set',
+                'proposals=200,particles=64')
     found = json.loads(next(each for each in done.output.splitlines() if each[:1] == '{'))
     assert not found['lost']
     expected = inverse(board) @ truth.pose

@@ -18,6 +18,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     corners_in,
 )
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import (
@@ -140,6 +141,9 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
            + yaml.safe_dump(
                {'reference': listed.reference, 'cameras': cameras, 'views': views},
                default_flow_style=None, sort_keys=False))
+    if isinstance(printed, CharucoRing):
+        click.echo('what stands in the ring: --roi '
+                   f'{" ".join(f"{each:g}" for each in printed.region)} --up 0 0 1 --tilt 0 20')
 
 
 def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.float64]

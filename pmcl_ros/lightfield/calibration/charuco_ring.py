@@ -18,6 +18,7 @@ _MARKER = 0.6  # side of a marker, in squares: the light around it lets corners 
 _FEWEST, _MOST = 2 * _WIDE + 1, 500  # squares in a direction; in all, by the dictionary's markers
 _LEAST = 8  # corners: with fewer, noise tilts the board
 _MARGIN = 0.25  # squares
+_HEIGHTS = -0.01, 0.3  # m: of the origin of what stands on the table
 _FROM_CORNERS = 0.5 if cv2.__version__ < '5' else 0.0  # px: OpenCV 4 counts from pixels' corners
 _MISREAD = 0.5  # squares
 _BESIDE = 0.1  # squares from a corner, along both sides: before the markers
@@ -71,6 +72,15 @@ class CharucoRing:
         every = np.asarray(self._board.getChessboardCorners(), float)[self._corners]
         return (every - [self.square * self.columns / 2, self.square * self.rows / 2, 0]) * [
             1, -1, 1]
+
+    @property
+    def region(self) -> tuple[float, float, float, float, float, float]:
+        """Centre and size of the box where the origin of an object is that stands in the middle
+        [m].
+        """
+        low, high = _HEIGHTS
+        return (0.0, 0.0, (low + high) / 2, (self.columns - 2 * _WIDE) * self.square,
+                (self.rows - 2 * _WIDE) * self.square, high - low)
 
     @property
     def svg(self) -> str:
