@@ -36,7 +36,7 @@ def seen_from(rng, ring, distance, height):
 
 
 @needs_detector
-@pytest.mark.parametrize('size', [(8, 11), (5, 7), (6, 6)])
+@pytest.mark.parametrize('size', [(8, 11), (5, 7), (6, 6), (20, 25)])
 def test_a_ring_is_drawn_in_its_true_size(size):
     ring = CharucoRing(*size, 0.02)
     assert len(ring.points) == 2 * (sum(size) - 4)
@@ -49,17 +49,18 @@ def test_a_ring_is_drawn_in_its_true_size(size):
 
 
 @needs_detector
-@pytest.mark.parametrize(('height', 'least', 'most'), [(60, 25, 0.07), (35, 20, 0.12)])
-def test_corners_have_no_common_error(height, least, most):
+@pytest.mark.parametrize(('distance', 'height', 'least', 'most'), [
+    (0.35, 50, 30, 0.07), (0.45, 60, 25, 0.07), (0.45, 35, 20, 0.12)])
+def test_corners_have_no_common_error(distance, height, least, most):
     ring, rng, every = CharucoRing(8, 11, 0.024), np.random.default_rng(1), []
     for _ in range(6):
-        picture, exact = seen_from(rng, ring, 0.45, height)
+        picture, exact = seen_from(rng, ring, distance, height)
         off = ring.seen(picture) - exact
         off = off[np.isfinite(off[:, 0])]
         assert len(off) >= least
         assert np.sqrt(np.square(off).mean()) < most
         every.append(off)
-    assert np.abs(np.concatenate(every).mean(axis=0)).max() < 0.02
+    assert np.abs(np.concatenate(every).mean(axis=0)).max() < 0.01
 
 
 @needs_detector
@@ -102,6 +103,17 @@ def test_a_ring_is_not_taken_for_one_of_other_numbers(printed):
 
 
 @needs_detector
+def test_a_corner_of_which_one_marker_is_hidden_is_seen():
+    ring = CharucoRing(8, 11, 0.02)
+    exact = ring.seen(page(ring, 4))
+    for row, column in ((0, 1), (0, 3), (5, 0), (10, 7)):
+        picture = page(ring, 4)
+        left, top = 20 + 80 * column, 20 + 80 * row
+        picture[top:top + 80, left:left + 80] = 255
+        assert ring.seen(picture) == pytest.approx(exact, abs=0.02)
+
+
+@needs_detector
 def test_corners_behind_glass_are_left_out():
     ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(3)
     picture, exact = seen_from(rng, ring, 0.45, 50)
@@ -122,8 +134,10 @@ def test_corners_behind_glass_are_left_out():
 @needs_detector
 @pytest.mark.parametrize(('values', 'message'), [
     ((4, 11, 0.024), '4x11 squares cannot be used; it has 5 or more'),
+    ((8, 4, 0.024), '8x4 squares cannot be used; it has 5 or more'),
     ((8, 63, 0.024), 'an area of 500 at most'),
-    ((8, 11, 24), 'squares of 24 m are impossible')])
+    ((8, 11, 1.0), 'squares of 1.0 m are impossible'),
+    ((8, 11, 1e-4), 'squares of 0.0001 m are impossible')])
 def test_no_ring(values, message):
     with pytest.raises(SettingsError, match=message):
         CharucoRing(*values)

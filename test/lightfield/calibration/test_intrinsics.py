@@ -75,6 +75,15 @@ def test_a_picture_of_another_zoom_is_left_out():
     assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
 
 
+def test_a_blurred_picture_stays():
+    rng = np.random.default_rng(4)
+    pictures = seen(rng, 12)
+    pictures['0.png'] += rng.normal(0, 5 * NOISE, pictures['0.png'].shape)
+    found = fit_intrinsics(pictures, BOARD.points, *SIZE)
+    assert found.left_out == ()
+    assert found.pixels[0] > 3 * found.pixels[1:].max()
+
+
 def test_boards_that_are_not_tilted_do_not_tell_the_focal_length():
     for tilt in (0.5, 2.0):
         with pytest.raises(LightFieldError, match=r'known to \d.* % only.*tilt the board'):
@@ -104,6 +113,8 @@ def test_few_pictures_and_corners_of_no_board_are_refused():
                  for number in range(FEWEST)}
     with pytest.raises(LightFieldError, match=r'^\d\.png: the corners are \d+\.\d px off: are '):
         fit_intrinsics(scattered, BOARD.points, *SIZE)
+    with pytest.raises(LightFieldError, match=r'^\d\.png: the corners are [234]\.\d px off: are '):
+        fit_intrinsics(seen(rng, 15, noise=2), BOARD.points, *SIZE)
     alike = {f'{number}.png': np.full((len(BOARD.points), 2), 100.0) for number in range(FEWEST)}
-    with pytest.raises(LightFieldError, match=r'the corners'):
+    with pytest.raises(LightFieldError, match=r'^the corners are those of no board \('):
         fit_intrinsics(alike, BOARD.points, *SIZE)
