@@ -12,7 +12,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseArray, PoseStamped
 from harness import ACTIVATE, CONFIGURE, Process
-from painted_boards import painted
+from painted_boards import painted, picture_of_board
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
@@ -29,6 +29,7 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.pose import pose_from, poses_from, transform_from
 from pmcl_ros.nodes.board_node import BoardNode
@@ -78,7 +79,10 @@ class Camera:
         self.user.delivered(self.info)
 
     def shoot(self, picture, stamp_ns, frame_id='wrist_camera'):
-        self.image.publish(picture_to_message(Header(stamp_ns, frame_id), picture))
+        self.show(picture_to_message(Header(stamp_ns, frame_id), picture))
+
+    def show(self, message):
+        self.image.publish(message)
         self.user.delivered(self.image)
 
 
@@ -231,6 +235,40 @@ def test_an_image_waits_for_its_camera_info(user):
         camera.tell()
         user.wait(lambda: poses, 'the pose')
     assert pose_from(poses[0])[0].stamp_ns == START + MS
+
+
+def test_a_camera_info_that_is_refused_ends_the_one_before_it(user, capfd):
+    board = Checkerboard(10, 7, 0.02)
+    picture = picture_from(board, inverse(seen_at(board, 20)))
+    with in_this_process(user, corners='10x7', square=0.02) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        camera = Camera(user)
+        camera.shoot(picture, START)
+        user.wait(lambda: node.health.frames_out == 1, 'a pose')
+        camera.info.publish(CameraInfo(width=640, height=480))
+        user.wait(lambda: node.health.errors, 'its refusal')
+        assert 'the focal length is 0' in capfd.readouterr().err
+        for number in (1, 2):
+            camera.shoot(picture, START + number * MS)
+            user.wait(lambda number=number: node.health.frames_in == number + 1, 'the image')
+        assert 'no camera_info that can be used has come' in node.health.message
+        assert node.health.frames_out == 1
+
+
+def test_rectified_images_of_16_bits(user):
+    """They have no distortion, whatever camera_info tells of the images before that."""
+    board = Checkerboard(10, 7, 0.02)
+    truth = seen_at(board, 20)
+    grey = picture_of_board(board, truth, LENS.pinhole)
+    with in_this_process(user, corners='10x7', square=0.02, rectified=True) as node:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        poses = user.listen(PoseStamped, 'camera_pose', MANY)
+        camera = Camera(user)
+        camera.show(Image(header=header_to_message(Header(START, 'wrist_camera')), width=640,
+                          height=480, encoding='mono16', step=1280,
+                          data=(grey.astype('<u2') * 257).tobytes()))
+        user.wait(lambda: poses, 'a pose')
+    assert off(pose_from(poses[0])[1], inverse(truth)) < 1
 
 
 def test_of_images_that_come_faster_than_they_are_searched_the_newest_is_taken(user):
