@@ -266,7 +266,7 @@ def test_rectified_images_of_16_bits(user):
         camera = Camera(user)
         camera.show(Image(header=header_to_message(Header(START, 'wrist_camera')), width=640,
                           height=480, encoding='mono16', step=1280,
-                          data=(grey.astype('<u2') * 257).tobytes()))
+                          data=(grey.astype('<u2') * 256 + 85).tobytes()))
         user.wait(lambda: poses, 'a pose')
     assert off(pose_from(poses[0])[1], inverse(truth)) < 1
 

@@ -83,6 +83,9 @@ def test_a_camera_of_views_yaml_may_be_such_a_file_with_more_keys(tmp_path):
     ('rows: 3\n  cols: 3', 'rows: 1\n  cols: 9', r'camera_matrix: 1x9 numbers \[50.5, .*expected '
      '3x3: fx, 0, cx'),
     ('0. , 31. ,', '2. , 31. ,', r'camera_matrix: 3x3 numbers \[50.5, 2.0, .*expected 3x3: fx, 0'),
+    ('0. , 51. ,', '3. , 51. ,', r'camera_matrix: 3x3 numbers .* 3.0, 51.0, .*expected 3x3: fx'),
+    ('0. ,  1. ]', '0. ,  2. ]', r'camera_matrix: 3x3 numbers .* 2.0\], expected 3x3: fx, 0'),
+    ('image_height: 48', 'image_height: 100001', 'image_height: .*less than or equal to 100000'),
     ('[50.5', '[0.0', r'focal lengths must be positive'),
     ('[50.5', '[.nan', r'camera_matrix.data.0: .*finite'),
     ('image_width: 64\n', '', 'image_width: Field required'),
@@ -100,3 +103,13 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path, old, new, reason):
         ViewsFile.make({'cameras': {'wrist': yaml.safe_load(path.read_text())},
                         'views': [{'file': 'one.png', 'camera': 'wrist'}]}, 'views.yaml')
     assert len(str(told.value)) < 300
+
+
+@pytest.mark.parametrize('text', ['5', 'camera_matrix', '[image_width]'])
+def test_what_is_no_camera_is_refused(tmp_path, text):
+    (tmp_path / 'ost.yaml').write_text(text)
+    with pytest.raises(SettingsError, match=r'ost\.yaml'):
+        OrdinaryCamera.load(tmp_path / 'ost.yaml')
+    with pytest.raises(SettingsError, match=r'views\.yaml: cameras\.wrist'):
+        ViewsFile.make({'cameras': {'wrist': yaml.safe_load(text)},
+                        'views': [{'file': 'one.png', 'camera': 'wrist'}]}, 'views.yaml')
