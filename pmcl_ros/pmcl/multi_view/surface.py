@@ -61,8 +61,6 @@ class SurfaceDepth:
         depth = NumbaRenderer().depths(scene, pose[None])[0]
         shown = (depth > 0) & (depth < volume.depths[0]) & (depth > volume.depths[-1])
         shown &= volume.likelihood.any(axis=2)  # else it is masked, or out of all other views
-        if not shown.any():
-            return None
         label = float(inverse[1] - inverse[0])
         off = (1 / volume.depth_map()[shown] - 1 / depth[shown]) / label
         ours = np.abs(off) < _REACH

@@ -103,6 +103,16 @@ def test_a_textured_surface_corrects_the_depth(seen, farther):
     assert after.modes[1] is before.modes[1]
 
 
+def test_errors_of_cameras_that_would_not_show_change_nothing(seen):
+    model, truth, evidence = seen
+    tiny = replace(evidence, views=tuple(replace(each, sigma=(1e-5, 1e-5))
+                                         for each in evidence.views))
+    found = [with_surface(estimate_at(truth, model), each, model, SETTINGS).pose
+             for each in (evidence, tiny)]
+    assert not np.array_equal(found[0], truth)
+    np.testing.assert_array_equal(*found)
+
+
 def test_what_is_masked_says_nothing_of_the_depth(seen):
     """A patterned finger at the same place in all pictures is far away, by its disparity."""
     model, truth, evidence = seen
@@ -134,8 +144,13 @@ def test_what_says_nothing_changes_nothing(seen, caplog):
                                               for each in evidence.views))
     unknown = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
     single = replace(evidence, views=evidence.views[:1])
-    for other in (plain, uncertain, unknown, single):
+    drifting = replace(evidence, views=tuple(replace(each, drift=1e-3)
+                                             for each in evidence.views))
+    assumed = replace(evidence, errors=np.zeros((9, 6, 1)))
+    for other in (plain, uncertain, drifting, assumed, unknown, single):
         assert with_surface(estimate, other, model, SETTINGS) is estimate
+    in_water = PmclSettings(interface_index=1.33, interface_normal=(0, 0, 1))
+    assert with_surface(estimate, evidence, model, in_water) is estimate
     clear = replace(model, clear=True)
     assert with_surface(estimate, evidence, clear, SETTINGS) is estimate
     away = retract(truth, np.concatenate([0.02 * BASE[:3, 2], np.zeros(3)])[None])[0]
@@ -173,3 +188,22 @@ def test_a_correction_is_what_linear_algebra_says(model):
     if model.axis is not None:
         axis = np.concatenate([np.zeros(3), after.pose[:3, :3] @ model.axis])
         assert axis @ after.covariance @ axis == pytest.approx(np.pi ** 2 / 3)
+
+
+HALF_TURN = replace(BRACKET, discrete=np.array([np.eye(4), np.diag([-1.0, -1, 1, 1])]))
+
+
+@pytest.mark.parametrize('model', [CUP, BRACKET, HALF_TURN], ids=['cup', 'bracket', 'half turn'])
+def test_a_correction_leaves_particles_of_other_modes(model):
+    """The others move alike, whichever of their equivalents they are."""
+    before, surface = estimate_at(truth_before_cameras(), model), SurfaceDepth(
+        np.array([0, 0.6, 0.8, 0, 0, 0]), 0.001, 0.0002)
+    particles = before.particles.copy()
+    particles[:50, :3, 3] += [0.2, 0, 0]
+    particles[50:100] @= model.symmetry.discrete[-1]
+    after = corrected(replace(before, particles=particles), model, surface).particles
+    np.testing.assert_array_equal(after[:50], particles[:50])
+    expected = corrected(before, model, surface)
+    off, known = (model.symmetry.local(model.symmetry.nearest_equivalents(
+        each, expected.pose), expected.pose) for each in (after, expected.particles))
+    np.testing.assert_allclose(off[50:], known[50:], atol=1e-9)
