@@ -55,7 +55,7 @@ class BagWriter:
         self._bag, self._compress, self._chunk = Path(bag), compress, chunk
         if self._bag.exists():
             raise BagError(f'{bag} is already there; remove it or choose another name')
-        self._file = f'{self._bag.absolute().name}.mcap'
+        self._file = f'{self._bag.name}.mcap'
         self._reserve = _Reserve(self._bag / _ROOM)
         self._channels: dict[str, tuple[int, Channel, Qos]] = {}
         self._error: BaseException | None = None  # of its own

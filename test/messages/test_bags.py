@@ -1,5 +1,6 @@
 """Bags hold what the driver would publish, in the form that rosbag2 of Jazzy reads."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,23 @@ from pmcl_ros.messages.bag_captures import (
     light_field_messages,
     record_light_field,
 )
-from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, Topic, read, record, topics
+from pmcl_ros.messages.bags import (
+    LATCHED,
+    VOLATILE,
+    Recorded,
+    Topic,
+    is_bag,
+    read,
+    record,
+    remove_bag,
+    topics,
+)
+from pmcl_ros.messages.mcap_records import Channel
+from pmcl_ros.messages.mcap_writer import McapWriter
 from pmcl_ros.runtime.errors import BagError
 
 SHIPPED = sorted((Path(__file__).parents[2] / 'bags').iterdir())
+TEXT = b'\0\1\0\0\4\0\0\0abc\0'  # a String
 HEADER = Header(1_700_000_000_123_456_789, 'lytro_optical_frame')
 
 
@@ -136,3 +150,58 @@ def test_shipped_bags_are_small_and_of_jazzy(bag):
     assert text.time_ns == image.time_ns
     assert len(image.cdr) > 2 * 3280 * 3280
     assert (bag / 'truth.json').is_file()
+
+
+def test_a_bag_of_several_files_is_read_as_one(tmp_path):
+    parts = [[Recorded('/a', 'std_msgs/msg/String', time, TEXT, LATCHED) for time in times]
+             for times in ((1, 2), (3, 4, 5))]
+    for number, part in enumerate(parts):
+        record(tmp_path / f'bag_{number}', part)
+    bag = tmp_path / 'bag_0'
+    shutil.move(tmp_path / 'bag_1' / 'bag_1.mcap', bag)
+    metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    metadata['rosbag2_bagfile_information']['relative_file_paths'].append('bag_1.mcap')
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
+    assert list(read(bag)) == parts[0] + parts[1]
+    assert topics(bag) == [Topic('/a', 'std_msgs/msg/String', LATCHED, 5)]
+
+
+def test_a_bag_is_removed_but_nothing_else(tmp_path):
+    bag = tmp_path / 'bag'
+    own = ['bag.mcap', 'bag.mcap.zstd', 'bag_0.db3', 'bag_0.db3-wal', 'metadata.yaml',
+           'metadata.yaml.part', '.room_for_the_summary']
+    for more in ([], ['notes.txt'], ['mcap'], ['metadata.yaml.old']):
+        bag.mkdir(exist_ok=True)
+        for name in (*own, *more):
+            (bag / name).touch()
+        remove_bag(bag)
+        assert bag.exists() == bool(more)
+        if more:
+            (bag / more[0]).unlink()
+    remove_bag(tmp_path / 'bag' / 'metadata.yaml')
+    assert (bag / 'metadata.yaml').exists()
+
+
+def test_a_bag_is_a_folder_with_metadata_and_a_file(tmp_path):
+    for name, files in (('no_metadata', ['bag.mcap']), ('no_file', ['metadata.yaml']),
+                        ('mcap', ['bag.mcap', 'metadata.yaml']),
+                        ('packed', ['bag.mcap.zstd', 'metadata.yaml']),
+                        ('db3', ['bag_0.db3', 'metadata.yaml'])):
+        (tmp_path / name).mkdir()
+        for each in files:
+            (tmp_path / name / each).touch()
+        assert is_bag(tmp_path / name) == (not name.startswith('no_'))
+
+
+def test_an_unknown_type_and_another_encoding_are_told(tmp_path):
+    with pytest.raises(BagError, match=r"'my_msgs/msg/Thing' is none of ROS 2 Jazzy; nothing is"):
+        record(tmp_path / 'bag', [Recorded('/a', 'my_msgs/msg/Thing', 1, TEXT)])
+    assert not (tmp_path / 'bag').exists()
+    writer = McapWriter(tmp_path / 'one.mcap')
+    writer.write(writer.add(Channel('/a', 'std_msgs/msg/String', 'json', ''), 'string data'), 1,
+                 b'{}')
+    writer.flush()
+    writer.finish('')
+    writer.close()
+    with pytest.raises(BagError, match=r'one\.mcap: its messages are json, only cdr is read'):
+        list(read(tmp_path / 'one.mcap'))

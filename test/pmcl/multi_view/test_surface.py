@@ -197,7 +197,7 @@ HALF_TURN = replace(BRACKET, discrete=np.array([np.eye(4), np.diag([-1.0, -1, 1,
 def test_a_correction_leaves_particles_of_other_modes(model):
     """The others move alike, whichever of their equivalents they are."""
     before, surface = estimate_at(truth_before_cameras(), model), SurfaceDepth(
-        np.array([0, 0.6, 0.8, 0, 0, 0]), 0.001, 0.0002)
+        np.array([0, 0.6, 0.8, 0.005, -0.01, 0.02]), 0.001, 0.0002)
     particles = before.particles.copy()
     particles[:50, :3, 3] += [0.2, 0, 0]
     particles[50:100] @= model.symmetry.discrete[-1]
