@@ -19,9 +19,9 @@ from pmcl_ros.runtime.errors import LocalizationError
 FRONT, BEHIND = standing(-0.012, 0.005, 0.38, 0.3), standing(0.02, 0.0, 0.46, 0.3)
 
 
-def located(models, volume, seed=0):
+def located(models, volume, seed=0, progress=None):
     with SceneLocalizer(models, SETTINGS) as localizer:
-        return localizer.localize(volume, np.random.default_rng(seed))
+        return localizer.localize(volume, np.random.default_rng(seed), progress)
 
 
 def error(estimate, truth, model):
@@ -71,7 +71,8 @@ def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_los
         localize(each, edges, *given, feasible=feasible))[1])
     left, right = standing(-0.04, 0, 0.42, 0.2), standing(0.035, 0.01, 0.4, 0.2)
     volume = seen_together([(CUP, right), (CUP, left)])
-    found = located([CUP, BOTTLE, CUP], volume)
+    shares = []
+    found = located([CUP, BOTTLE, CUP], volume, progress=lambda done: not shares.append(done))
     assert found.names == ('cup', 'bottle', 'cup_2')
     assert [each.lost for each in found.estimates] == [False, True, False]
     for estimate, truth in zip(found.estimates[::2], (left, right), strict=True):
@@ -84,6 +85,9 @@ def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_los
     assert (edges.tensor > 0.2).sum() < 0.3 * (volume.tensor > 0.2).sum()
     np.testing.assert_array_equal(feasible(np.stack([left, right, standing(0, 0.2, 0.4)])),
                                   [False, False, True])
+    # The two objects alone have 70 % of the time, each of three searches for missing ones 10 %.
+    assert shares == sorted(shares)
+    assert 0.5 < shares[-1] <= 0.8
 
 
 def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_sight():
