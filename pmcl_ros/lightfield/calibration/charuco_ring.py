@@ -112,7 +112,7 @@ class CharucoRing:
     def seen(self, picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(n, 2) px of the corners in a grey picture, as `points`; NaN: not seen.
 
-        None where fewer than eight are seen.
+        None where fewer than eight are seen, or those of one side alone.
         """
         best = self._detected(picture, 1)
         if not np.isfinite(best).all():
@@ -128,7 +128,7 @@ class CharucoRing:
         seen[shown] = refined(picture, best[shown], squares[shown], (1 - _MARKER) / 2)
         contrasts = self._contrasts(picture, seen)
         seen[~(contrasts > _COVERED * np.nanmedian(contrasts))] = np.nan
-        return seen if np.isfinite(seen[:, 0]).sum() >= _LEAST else None
+        return self._if_enough(seen)
 
     def _contrasts(self, picture: NDArray[np.uint8], corners: NDArray[np.float64]
                    ) -> NDArray[np.float64]:
@@ -166,7 +166,13 @@ class CharucoRing:
             shown = shown[agreeing(self.points[shown], corners[shown], pinhole, _LEAST)]
         left = np.full(corners.shape, np.nan)
         left[shown] = corners[shown]
-        return left if len(shown) >= _LEAST else None
+        return self._if_enough(left)
+
+    def _if_enough(self, corners: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """The corners, but None where there are too few, or all on a line."""
+        there = self.points[np.isfinite(corners[:, 0]), :2]
+        is_enough = len(there) >= _LEAST and np.ptp(there, axis=0).min() > 0
+        return corners if is_enough else None
 
     def _detected(self, picture: NDArray[np.uint8], scale: int) -> NDArray[np.float64]:
         """(n, 2) px of the corners, as `points`, found in the picture `scale` times as large."""
@@ -174,6 +180,8 @@ class CharucoRing:
         detector = cv2.aruco.CharucoDetector(self._board)
         settings = detector.getCharucoParameters()  # given to it at once they crash OpenCV 4.7
         settings.minMarkers = 1  # beside a corner: the object may hide the other one
+        if hasattr(settings, 'checkMarkers'):  # one that is read at a second place, too, is enough
+            settings.checkMarkers = False      # for it to refuse them all; `seen` sorts them out
         detector.setCharucoParameters(settings)
         positions, numbers, _, _ = detector.detectBoard(enlarged)
         every = np.full(((self.rows - 1) * (self.columns - 1), 2), np.nan)
