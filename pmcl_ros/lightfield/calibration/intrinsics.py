@@ -81,7 +81,11 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
              | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3)
     onto = np.zeros((_OWN.stop, 1))
     onto[_OWN.start:_OWN.start + 2, 0] = pinhole.fx, pinhole.fy
-    matrix, _, _, covariance = _fit(pictures, board, pinhole, alone, onto)
+    # OpenCV refuses a principal point outside of the picture, as that of a part of one may be.
+    middle = replace(pinhole, cx=pinhole.width / 2, cy=pinhole.height / 2)
+    shift = [middle.cx - pinhole.cx, middle.cy - pinhole.cy]
+    moved = {name: corners + shift for name, corners in pictures.items()}
+    matrix, _, _, covariance = _fit(moved, board, middle, alone, onto)
     return float(matrix[0, 0] / pinhole.fx) - 1, float(np.sqrt(covariance[0, 0]))
 
 

@@ -105,6 +105,15 @@ def test_a_focal_length_is_checked(count):
     assert np.square(found).mean() == pytest.approx(1, abs=0.6)
 
 
+def test_a_focal_length_is_checked_in_a_part_of_a_picture_without_its_middle():
+    fx, fy, cx, cy = TRUTH[:4]
+    pictures = seen(np.random.default_rng(7), 3, values=TRUTH * [1, 1, 1, 1, 0, 0, 0, 0])
+    whole = Pinhole(*SIZE, fx, fy, cx, cy)
+    part = {name: corners - [400, 300] for name, corners in pictures.items()}
+    assert focal_error(part, BOARD.points, whole.crop(400, 300, 240, 180)) == pytest.approx(
+        focal_error(pictures, BOARD.points, whole), rel=1e-2, abs=1e-5)
+
+
 def test_few_pictures_and_corners_of_no_board_are_refused():
     rng = np.random.default_rng(5)
     with pytest.raises(LightFieldError, match=f'{FEWEST - 1} pictures show the board; '):
