@@ -42,9 +42,12 @@ class BoardNodeSettings(Settings):
 
     @property
     def board(self) -> Board:
-        """Raises SettingsError for numbers that no board has."""
-        return (Checkerboard.parse(self.corners, self.square) if self.corners
-                else CharucoRing.parse(self.ring, self.square))
+        """Raises SettingsError for numbers that no board has, or that do not tell its turn."""
+        if not self.corners:
+            return CharucoRing.parse(self.ring, self.square)
+        board = Checkerboard.parse(self.corners, self.square)
+        board.check_turn()
+        return board
 
 
 class CameraByBoard(NamedTuple):

@@ -168,6 +168,9 @@ def test_a_checkerboard_is_a_child_of_the_camera_s_frame(user, tf_message, capfd
                          fixed_frame='table') as node:
         assert node.trigger_configure() == Result.FAILURE
         assert "corners '10x8x2' are not like 10x7" in capfd.readouterr().err
+        node.set_parameters([Parameter('corners', value='10x8')])
+        assert node.trigger_configure() == Result.FAILURE
+        assert 'looks the same upside down' in capfd.readouterr().err
         node.set_parameters([Parameter('corners', value='10x7')])
         assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
         transforms = user.listen(tf_message, '/tf', MANY)

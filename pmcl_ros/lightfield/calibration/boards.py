@@ -72,7 +72,7 @@ class Checkerboard:
 
         Raises SettingsError for a board whose turn by 180 degrees cannot be told.
         """
-        self._check_turn()
+        self.check_turn()
         side = 1e3 * self.square
         width, height = (side * (inner + 3) for inner in (self.columns, self.rows))
         dark = ''.join(
@@ -83,7 +83,8 @@ class Checkerboard:
                 f'width="{width:g}mm" height="{height:g}mm" '
                 f'viewBox="0 0 {width:g} {height:g}">\n{dark}</svg>\n')
 
-    def _check_turn(self) -> None:
+    def check_turn(self) -> None:
+        """Raise SettingsError for a board whose turn by 180 degrees cannot be told."""
         if (self.columns + self.rows) % 2 == 0:
             raise SettingsError(f'a board of {self.columns}x{self.rows} inner corners looks the '
                                 'same upside down; one number must be odd, the other even')
@@ -93,7 +94,7 @@ class Checkerboard:
 
         Raises SettingsError for a board whose turn by 180 degrees cannot be told.
         """
-        self._check_turn()
+        self.check_turn()
         found = self._detected(picture)
         if found is None:
             return None
