@@ -50,8 +50,9 @@ class CharucoRing:
             raise SettingsError(f'squares of {self.square} m are impossible; give their side in '
                                 'metres')
         if not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'):
-            raise SettingsError(f'--ring needs OpenCV 4.7, this is {cv2.__version__}: pip install '
-                                '-U opencv-python-headless, or use a checkerboard (--corners)')
+            raise SettingsError(f'a ring needs OpenCV 4.7 or newer, this is {cv2.__version__}: '
+                                'pip install -U opencv-python-headless, or use a checkerboard '
+                                '(corners)')
 
     @classmethod
     def parse(cls, squares: str, square: float) -> 'CharucoRing':

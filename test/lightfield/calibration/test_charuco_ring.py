@@ -21,7 +21,7 @@ PINHOLE = Pinhole(640, 480, 600, 600, 322, 238)
 
 @pytest.mark.skipif(has_detector, reason='OpenCV from 4.7 on')
 def test_an_old_opencv_is_told():
-    with pytest.raises(SettingsError, match=r'--ring needs OpenCV 4\.7, this is 4.*--corners'):
+    with pytest.raises(SettingsError, match=r'ring needs OpenCV 4\.7 .*, this is 4.*corners'):
         CharucoRing(8, 11, 0.024)
 
 
