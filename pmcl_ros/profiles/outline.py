@@ -95,8 +95,8 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
     """The upright cylinder whose outline fills the boxes.
 
     up: (3,) direction of the axis in the reference frame. height: where it is known; without it
-    two views or more are needed. Raises ProfileError where they do not tell the size, or another
-    one.
+    two views or more are needed. Raises ProfileError where they do not tell the size, and
+    where several contradict the height.
     """
     sights, eyes = (np.array(each) for each in zip(
         *((view.sight, view.camera[:3, 3]) for view in views), strict=True))

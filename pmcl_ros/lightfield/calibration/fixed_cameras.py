@@ -68,7 +68,6 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
         turn, place = cv2.solvePnPRefineLM(points, corners, pinhole.matrix, np.zeros(4), *each)
         poses.append(inverse(pose_of(Rotation.from_rotvec(turn.ravel()),
                                      place.ravel().astype(float))))
-
     if not poses:
         raise LightFieldError(f'{", ".join(pictures)}: the corners that are seen are nearly on '
                               'one line: show more of the board')
