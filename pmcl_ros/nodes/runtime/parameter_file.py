@@ -60,7 +60,7 @@ def given_to_all(arguments: Sequence[str]) -> set[str]:
 
 @contextmanager
 def parameter_file(values: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
-    """Arguments for ROS that give each node its own values, without those that are None.
+    """Arguments for ROS that give each node its own values, without None and empty ones.
 
     values: by name of the node, in whatever namespace: `-p node:name:=value` holds in none.
     They go over what files before them say.

@@ -37,9 +37,8 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
                       ) -> tuple[Found, ViewsEvidence]:
     """What a search finds in place of a lost object, and in which views.
 
-    Of one that stays lost the log tells why, of another one `Found.how`.
-
-    The cameras of views that show the object, where others do not, are checked too.
+    Of one that stays lost the log tells why, of another one `Found.how`. The cameras of views that
+    show the object, where others do not, are checked too.
     """
     found, rest = _hidden_in_some(evidence, lost, search) or (lost, evidence)
     hidden = found.estimate.hidden

@@ -61,10 +61,8 @@ def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], 
                    is_lost: bool) -> bool:
     """Warn where so few views see the region that it is a mistake; of a lost object, not all.
 
-    Returns whether it did.
-
-    center: (3,) of the region, in the reference frame [m]. used: number of views that see any of
-    the region. Where the object is lost, its middle counts.
+    Returns whether it did. center: (3,) of the region, in the reference frame [m]. used: number of
+    views that see any of the region. Where the object is lost, its middle counts.
     """
     cameras = [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
     given, what = len(cameras), 'the region of interest'
