@@ -23,7 +23,7 @@ from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record, remove_bag
 from pmcl_ros.pmcl.prior.region import Region
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
 from pmcl_ros.simulation.card import with_card
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, seen_from
@@ -125,8 +125,8 @@ def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dic
                'views': [{'camera': 'camera'} | each for each in entries]}
     if reference is not None:
         written['reference'] = reference
-    out.path(posed_views.NAME).write_text(
-        yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
+    write_file(out.path(posed_views.NAME),
+               yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
 
 
 def _write_targets(out: Results, scene: Scene, seed: int, digest: str = '',
@@ -137,12 +137,12 @@ def _write_targets(out: Results, scene: Scene, seed: int, digest: str = '',
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
         mesh.export(out.path(f'{place}model.obj'), digits=7)
         if described := _described(target):
-            out.path(f'{place}model.yaml').write_text(
-                yaml.safe_dump({'mesh': 'model.obj'} | described))
+            write_file(out.path(f'{place}model.yaml'),
+                       yaml.safe_dump({'mesh': 'model.obj'} | described))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
         truth = {'name': scene.name, 'seed': seed, **({'digest': digest} if digest else {}),
                  'film': film, **_truth(target, key), **(more or {})}
-        out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+        write_file(out.path(f'{place}truth.json'), json.dumps(truth, indent=1) + '\n')
     out.remove_others()  # of another capture that was here
 
 
@@ -197,8 +197,8 @@ def write_sequence(folder: Path, sequence: MovingScene,
                     'object_to_camera': sequence.poses[number].tolist(),
                     'camera_to_fixed': sequence.cameras[number].tolist(),
                     'occluded': number in sequence.hidden} for number in range(len(sequence))]}
-    (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
-    (folder / 'parameters.yaml').write_text(yaml.safe_dump(
+    write_file(folder / 'truth.json', json.dumps(truth, indent=1) + '\n')
+    write_file(folder / 'parameters.yaml', yaml.safe_dump(
         {f'/**/{node}': {'ros__parameters': values}
          for node, values in _parameters(folder, sequence).items()}, sort_keys=False))
 

@@ -17,7 +17,7 @@ from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import FileError
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'trials.json'
@@ -39,7 +39,7 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
         for each in left:
             kept[each.name] = _trial(source, truth, model, each, int(folder.name))
             with Results(folder, 'feasibility', force) as out:
-                out.path(NAME).write_text(json.dumps(
+                write_file(out.path(NAME), json.dumps(
                     {name: asdict(trial) for name, trial in kept.items()}, indent=1) + '\n')
     return _from_one_camera([kept[each.name] for each in sets])
 

@@ -24,7 +24,7 @@ from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulated_robot.trial import Grip, ManipulationTrial
@@ -120,7 +120,7 @@ class Series:
             raise SettingsError(f'{self.out} has trials of another series ({file.name} has other '
                                 f'{", ".join(differs)}): choose another folder')
         self.out.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(of, indent=1))
+        write_file(file, json.dumps(of, indent=1))
 
     def run(self, seed: int) -> ManipulationTrial:
         """The trial of a seed, with nodes of its own; one that is there already is read.
@@ -166,8 +166,8 @@ class Series:
     def _graph(self, seed: int, place: Path) -> Iterator[None]:
         """The nodes of the package, active."""
         file, log = place / 'nodes.yaml', place / 'nodes.log'
-        file.write_text(yaml.safe_dump({name: {'ros__parameters': values} for name, values
-                                        in self._parameters(seed).items()}))
+        write_file(file, yaml.safe_dump({name: {'ros__parameters': values} for name, values
+                                         in self._parameters(seed).items()}))
         with log.open('w') as output:
             nodes = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
@@ -222,7 +222,7 @@ class Series:
         except FileError:
             raise SimulationError(f'the robot wrote no trial: {_tail(log)}') from None
         trial = trial.model_copy(update={'status': status, 'said': said})
-        self.file(seed).write_text(trial.model_dump_json(indent=1))
+        write_file(self.file(seed), trial.model_dump_json(indent=1))
         return trial
 
     def _executive(self, seed: int, place: Path) -> tuple[int, str]:

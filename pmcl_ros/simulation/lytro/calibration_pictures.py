@@ -12,7 +12,7 @@ from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.scenes.environment import Environment
@@ -122,7 +122,7 @@ def _write(folder: Path, frame: RawFrame, truth: dict[str, object], force: bool)
     with Results(folder, _COMMAND, force) as out:
         out.reserve('IMG.TXT')
         write_raw_frame(out.path('IMG.RAW'), frame, force=True)
-        out.path('truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+        write_file(out.path('truth.json'), json.dumps(truth, indent=1) + '\n')
 
 
 def _scene(camera: LytroCamera, sheets: tuple[Sheet, ...]) -> Scene:
