@@ -80,7 +80,7 @@ def start(context):
     board = LaunchConfiguration('board').perform(context).lower() == 'true'
     if board and (views in ('', 'fixed') or lytro):
         raise RuntimeError('board tells where an ordinary camera is: give views too, of a moved '
-                           'camera')
+                           'camera, and no lytro')
     own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}],
            SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {
                'collect': views, **(BY_BOARD[SWEEP.name] if board else {})}],

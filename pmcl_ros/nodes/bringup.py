@@ -160,7 +160,8 @@ def _problem(options: argparse.Namespace) -> str:
         (options.lytro and views in (None, 'fixed'),
          '--lytro says what the views are of: give --views too, of a moved camera'),
         (options.board and (views in (None, 'fixed') or options.lytro),
-         '--board tells where an ordinary camera is: give --views too, of a moved camera'))
+         '--board tells where an ordinary camera is: give --views too, of a moved camera, and no '
+         '--lytro'))
     return next((text for wrong, text in problems if wrong), '')
 
 
