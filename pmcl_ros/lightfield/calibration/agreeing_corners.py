@@ -13,7 +13,7 @@ _UNLIKELY = 0.01  # chance of right corners, one of which is so far off
 
 def agreeing(points: NDArray[np.float64], corners: NDArray[np.float64], pinhole: Pinhole,
              least: int) -> NDArray[np.intp]:
-    """Numbers of the corners that are left where those that do not fit the others are taken out.
+    """(k,) numbers of the corners that are left without those that do not fit the others.
 
     points: (n, 3) on the board's plane [m]. corners: (n, 2) without distortion [px]; few are
     wrong. least: of corners, 5 or more; where fewer are left, these may be wrong too.

@@ -56,7 +56,7 @@ class Checkerboard:
 
     @property
     def options(self) -> str:
-        """Of commands."""
+        """The options of commands that name it."""
         return f'--corners {self.columns}x{self.rows} --square {self.square:g}'
 
     @property

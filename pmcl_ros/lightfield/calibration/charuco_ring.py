@@ -64,7 +64,7 @@ class CharucoRing:
 
     @property
     def options(self) -> str:
-        """Of commands."""
+        """The options of commands that name it."""
         return f'--ring {self.columns}x{self.rows} --square {self.square:g}'
 
     @property

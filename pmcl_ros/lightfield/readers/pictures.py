@@ -60,7 +60,7 @@ class Reduction:
         return pinhole.crop(0, 0, n * width, n * height).resized(width, height)
 
     def shrunk(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(height, width, 3) means of the squares of pixels."""
+        """(height, width[, 3]) means of the squares of pixels."""
         n = self.shrink
         if n == 1:
             return picture
