@@ -83,7 +83,7 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
     onto[_OWN.start:_OWN.start + 2, 0] = pinhole.fx, pinhole.fy
     # OpenCV refuses a principal point outside of the picture, as that of a part of one may be.
     middle = replace(pinhole, cx=pinhole.width / 2, cy=pinhole.height / 2)
-    shift = [middle.cx - pinhole.cx, middle.cy - pinhole.cy]
+    shift = np.array([middle.cx - pinhole.cx, middle.cy - pinhole.cy])
     moved = {name: corners + shift for name, corners in pictures.items()}
     matrix, _, _, covariance = _fit(moved, board, middle, alone, onto)
     return float(matrix[0, 0] / pinhole.fx) - 1, float(np.sqrt(covariance[0, 0]))
