@@ -65,17 +65,18 @@ class Silence:
     def look(self) -> None:
         """To be called now and then: after 5 s of silence /diagnostics tells it, the log once."""
         health = self._node.health
-        failed = health.level != DiagnosticStatus.OK  # that is told until there is a result
+        failed = health.level == DiagnosticStatus.ERROR  # that is told until there is a result
         if self._silent or failed or time.monotonic() - self._heard < _SILENCE:
             return
         self._silent = True
         awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
                             for each in self._pictures)
         text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
-        if health.frames_out and all(each.get_publisher_count() for each in self._pictures):
-            health.message = text  # cameras that are there may be triggered rarely
-        else:
+        if not health.frames_out or not all(each.get_publisher_count()
+                                            for each in self._pictures):
             health.warn(text)
+        elif health.level == DiagnosticStatus.OK:
+            health.message = text  # cameras that are there may be triggered rarely
         if not self._told:
             self._told = True
             self._node.get_logger().warning(

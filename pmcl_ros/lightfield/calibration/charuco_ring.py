@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 
 import cv2
@@ -191,7 +192,7 @@ class CharucoRing:
             every[np.ravel(numbers)] = (middles + 0.5) / scale - 0.5
         return every[self._corners]
 
-    @property
+    @cached_property
     def _board(self) -> 'cv2.aruco.CharucoBoard':  # old versions of OpenCV have none
         return cv2.aruco.CharucoBoard(
             (self.columns, self.rows), self.square, _MARKER * self.square, self._markers)

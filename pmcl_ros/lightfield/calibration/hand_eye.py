@@ -315,7 +315,8 @@ def _solved(camera: NDArray[np.float64], board: NDArray[np.float64], mounts: NDA
 
     def off(there: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m, n, 6) from there (m, n, 4, 4) to poses that are as many, or broadcast."""
-        return local(np.broadcast_to(poses, there.shape).reshape(-1, 4, 4),
+        # A copy: SciPy 1.11 takes no array that is read-only.
+        return local(np.array(np.broadcast_to(poses, there.shape)).reshape(-1, 4, 4),
                      there.reshape(-1, 4, 4)).reshape(*there.shape[:2], 6)
 
     # How a motion of the flange, in its own frame, moves the board before the camera.
