@@ -12,7 +12,16 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
-from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, ROOT, UNCONFIGURED, Process
+from harness import (
+    ACTIVATE,
+    CLEANUP,
+    CONFIGURE,
+    DEACTIVATE,
+    ROOT,
+    UNCONFIGURED,
+    Process,
+    own_lines,
+)
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn as Result
@@ -491,7 +500,7 @@ def test_a_consumer_gets_what_moveit_wants(tmp_path, node, user):
             until = time.monotonic() + 1
             user.wait(lambda until=until: pick.poll() is not None or time.monotonic() > until,
                       'the example')
-        printed = next(yaml.safe_load_all(pick.stdout.read()))['grasps']
+        printed = next(yaml.safe_load_all(own_lines(pick.stdout.read())))['grasps']
     assert pick.returncode == 0
     assert len(printed) == len(found['grasps'].poses)
     best, expected = printed[0], found['grasps'].poses[0]
