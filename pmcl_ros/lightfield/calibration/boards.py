@@ -1,7 +1,6 @@
 """Find a checkerboard in the views of a light field."""
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.lightfield.calibration.board_size import check_square, counts_from
 from pmcl_ros.lightfield.calibration.corners import Corners
 from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.lightfield.light_field import LightField
@@ -41,18 +41,13 @@ class Checkerboard:
         if min(self.columns, self.rows) < _FEWEST or max(self.columns, self.rows) > 100:
             raise SettingsError(f'a board of {self.columns}x{self.rows} inner corners cannot be '
                                 f'used; it needs {_FEWEST} to 100 in each direction')
-        if not 1e-4 < self.square < 1:
-            raise SettingsError(f'squares of {self.square} m are impossible; give their side in '
-                                'metres')
+        check_square(self.square)
 
     @classmethod
     def parse(cls, corners: str, square: float) -> 'Checkerboard':
         """corners: inner corners as COLUMNSxROWS, like 10x7. SettingsError for anything else."""
-        numbers = re.fullmatch(r'\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*', corners)
-        if numbers is None:
-            raise SettingsError(f'corners {corners!r} are not like 10x7: columns x rows of inner '
-                                'corners')
-        return cls(int(numbers[1]), int(numbers[2]), square)
+        return cls(*counts_from(corners, f'corners {corners!r} are not like 10x7: columns x rows '
+                                'of inner corners'), square)
 
     @property
     def options(self) -> str:

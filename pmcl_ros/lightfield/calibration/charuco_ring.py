@@ -1,6 +1,5 @@
 """Find a ring of ArUco markers and chess corners, around an object, in an ordinary picture."""
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.agreeing_corners import agreeing
+from pmcl_ros.lightfield.calibration.board_size import check_square, counts_from
 from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -47,9 +47,7 @@ class CharucoRing:
             raise SettingsError(f'a ring of {self.columns}x{self.rows} squares cannot be used; it '
                                 f'has {_FEWEST} or more in each direction, and an area of '
                                 f'{_MOST} at most')
-        if not 1e-4 < self.square < 1:
-            raise SettingsError(f'squares of {self.square} m are impossible; give their side in '
-                                'metres')
+        check_square(self.square)
         if not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'):
             raise SettingsError(f'a ring needs OpenCV 4.7 or newer, this is {cv2.__version__}: '
                                 'pip install -U opencv-python-headless, or use a checkerboard '
@@ -58,10 +56,8 @@ class CharucoRing:
     @classmethod
     def parse(cls, squares: str, square: float) -> 'CharucoRing':
         """squares: of the ring outside as COLUMNSxROWS, like 8x11. SettingsError for others."""
-        numbers = re.fullmatch(r'\s*(\d{1,3})\s*[xX]\s*(\d{1,3})\s*', squares)
-        if numbers is None:
-            raise SettingsError(f'ring {squares!r} is not like 8x11: columns x rows of squares')
-        return cls(int(numbers[1]), int(numbers[2]), square)
+        return cls(*counts_from(squares, f'ring {squares!r} is not like 8x11: columns x rows of '
+                                'squares'), square)
 
     @property
     def options(self) -> str:

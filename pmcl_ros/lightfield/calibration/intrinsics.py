@@ -93,7 +93,7 @@ def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float
             height: int) -> Intrinsics:
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures show the board; a calibration needs '
-                              f'{FEWEST}, better 15: are its numbers those of the board?')
+                              f'{FEWEST}, better 15: is --corners or --ring that of the board?')
     unknown = Pinhole(width, height, 1, 1, 0, 0)
     matrix, distortion, pixels, covariance = _fit(
         pictures, board, unknown, cv2.CALIB_FIX_K3, np.eye(_OWN.stop)[:, _OWN])
@@ -125,8 +125,8 @@ def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64]
             information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
         covariance = np.linalg.inv(information)
     except (cv2.error, np.linalg.LinAlgError) as error:
-        raise LightFieldError(f'the corners are those of no board ({error}); are its numbers and '
-                              '--square those of the board?'.replace('\n', ' ')) from None
+        raise LightFieldError(f'the corners are those of no board ({error}); is --corners or '
+                              '--ring that of the board?'.replace('\n', ' ')) from None
     counts = np.array([len(each) for each in corners])
     variance = sum(squares) / (2 * counts.sum() - 6 * len(counts) - len(covariance))
     return (np.asarray(matrix, float), np.asarray(distortion, float).ravel(),
