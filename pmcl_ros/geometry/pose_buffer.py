@@ -61,6 +61,11 @@ class PoseBuffer:
             old = bisect.bisect_left(self._stamps, self._stamps[-1] - kept)
             del self._stamps[:old], self._poses[:old]
 
+    @property
+    def newest(self) -> int | None:
+        """The stamp of the newest pose [ns]; None: there is none."""
+        return self._stamps[-1] if self._stamps else None
+
     def nearest(self, stamp_ns: int, tolerance: float) -> NDArray[np.float64]:
         """(4, 4) pose at a stamp: interpolated between its neighbours, else the nearest one.
 
@@ -91,15 +96,15 @@ class PoseBuffer:
         None: no newer pose has come yet. Raises PoseUnavailableError when none will help: the
         neighbours are too far apart, or all poses are newer.
         """
+        if stamp_ns == 0:
+            raise PoseUnavailableError('the capture has the stamp 0, which is no time: let the '
+                                       'camera driver stamp its images')
         stamps, poses = self._stamps, self._poses
         after = bisect.bisect_left(stamps, stamp_ns)
         if after == len(stamps):
             return None
         if stamps[after] == stamp_ns:
             return self._with_speed(after, gap)
-        if after == 0 and stamp_ns == 0:
-            raise PoseUnavailableError('the capture has the stamp 0, which is no time: let the '
-                                       'camera driver stamp its images')
         if after == 0:
             raise PoseUnavailableError(f'the first pose is {(stamps[0] - stamp_ns) / 1e9:.3f} s '
                                        f'newer than the capture at {stamp_ns}')

@@ -56,7 +56,7 @@ class Silence:
         self._heard, self._silent, self._told = time.monotonic(), False, False
 
     def broken(self) -> None:
-        """A picture has come."""
+        """A picture has come, or none is awaited."""
         self._heard = time.monotonic()
         if self._silent:
             self._silent = False

@@ -5,6 +5,7 @@ import time
 from collections import deque
 from typing import NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
@@ -19,7 +20,13 @@ from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.nodes.camera_input import Picture, most_waiting, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import (
+    Picture,
+    Silence,
+    most_waiting,
+    pixels_from,
+    subscribe_camera,
+)
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
@@ -37,6 +44,7 @@ from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
+_LISTEN = 1.0  # s between two looks whether images come
 _LENSES = 100  # of the last camera_info
 
 
@@ -103,7 +111,7 @@ class SweepDriver(StageNode):
 
     def start(self) -> None:
         """Listen."""
-        self._lens, self._no_lens = None, 'no camera_info has come'
+        self._lens, self._no_lens = None, ''
         self._lenses = {}
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._ending, self._number = False, False, 0
@@ -112,8 +120,9 @@ class SweepDriver(StageNode):
         self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
         self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
         self._poses.start()
-        subscribe_camera(self, self._settings, 'image', 'camera_info', self._on_image,
-                         self._on_info)
+        self._silence = Silence(self, [subscribe_camera(
+            self, self._settings, 'image', 'camera_info', self._on_image, self._on_info)])
+        self.every(_LISTEN, self._listen)
         self._look = self.every(_LOOK, self._take_waiting)
         self.serve('~/start', self._start_sweep)
         self.serve('~/finish', self._finish)
@@ -169,7 +178,14 @@ class SweepDriver(StageNode):
         """Of the camera_info of its stamp, else the last before it, else the first after it."""
         return self._lenses.get(waiting.header.stamp_ns, waiting.lens or self._lens)
 
+    def _listen(self) -> None:
+        if self._collecting:  # a camera that nobody needs may be off
+            self._silence.look()
+        else:
+            self._silence.broken()
+
     def _on_image(self, message: Picture) -> None:
+        self._silence.broken()
         self.health.frames_in += 1
         if not self._collecting:
             self.health.count('frames outside of sweeps')
@@ -180,6 +196,9 @@ class SweepDriver(StageNode):
         self._number += 1
         name = f'frame {self._number}'
         header = header_from(message.header)
+        if header.stamp_ns == 0:
+            raise LightFieldError(f'{name} has the stamp 0, which is no time: let the camera '
+                                  'driver stamp its images')
         self._frame_id = self._frame_id or header.frame_id
         if header.frame_id != self._frame_id:
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '
@@ -219,10 +238,12 @@ class SweepDriver(StageNode):
         if lens is None or moving is None:
             if time.monotonic() - first.came < self._settings.patience:
                 return None
-            self._give_up(self._waiting.popleft(), self._no_lens if lens is None
+            self._give_up(self._waiting.popleft(), self._why_no_lens() if lens is None
                           else self._poses.missing)
             return False
         self._waiting.popleft()
+        if self.health.level == DiagnosticStatus.WARN:  # what was missing is there again
+            self.health.recovered()
         try:
             pixels = pixels_from(first.image, self._settings.bits)
             frame = SweepFrame(first.name, first.header.stamp_ns, pixels, lens, moving.pose,
@@ -244,6 +265,12 @@ class SweepDriver(StageNode):
             self._finish()
         elif self._collection.due:
             self._publish()
+
+    def _why_no_lens(self) -> str:
+        topic = self.resolve_topic_name('camera_info')
+        return self._no_lens or (f'no camera_info has come on {topic} (publishers: '
+                                 f'{self.count_publishers(topic)}): publish it there, or '
+                                 'remap the topic')
 
     def _leave_out(self, name: str, reason: str) -> None:
         self._collection.leave_out(name, reason)
@@ -267,6 +294,7 @@ class SweepDriver(StageNode):
         self._leave_out(waiting.name, reason)
         with self.health.lock:
             self.health.dropped += 1
+            self.health.warn(reason)
         # Poses may be missing for a while, as where a board is out of view: for each picture then.
         if line := self._lines(f'dropped {waiting.name}, {waiting.header.stamp_ns}: {reason}'):
             self.get_logger().warning(line)

@@ -11,7 +11,7 @@ import pytest
 import rclpy
 import trimesh
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Process
 from rclpy.context import Context
@@ -308,6 +308,74 @@ def test_a_collection_has_nothing_of_the_one_before_it(tmp_path, user, frames):
     assert [each.header.stamp.sec for each in views] == [frames[2].stamp_ns // SECOND] * 2
 
 
+def test_what_does_not_come_is_told_with_its_topic(tmp_path, user, frames):
+    """First a picture, then its camera_info, then a pose, then one that is new enough."""
+    settings = ONE_BY_ONE | {'collect': 'rest', 'patience': 0.1, 'at_once': False}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', '--ros-args', '-r',
+                 'image:=/wrist/image', '-r', 'camera_pose:=/arm/pose', params=settings) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+
+        def told(text, level=DiagnosticStatus.WARN):
+            return states and states[-1].status[0].level == level and (
+                states[-1].status[0].message.startswith(text))
+
+        def shoot():
+            image.publish(image_of(frames[0]))
+            user.delivered(image)
+
+        def tell(publisher, message):
+            publisher.publish(message)
+            user.delivered(publisher)
+
+        user.wait(lambda: len(states) > 7, 'seven seconds')  # nobody needs a picture before start
+        assert {each.status[0].message for each in states} == {'active'}
+        assert user.call(Trigger, '/sweep_driver/start', Trigger.Request()).success
+        user.wait(lambda: told('no picture for 5 s; awaited on /wrist/image (publishers: 0)'),
+                  'that no picture comes')
+        image = user.publisher(Image, 'wrist/image', BIG)
+        shoot()
+        user.wait(lambda: told('no camera_info has come on /camera_info (publishers: 0): publish '
+                               'it there, or remap the topic'), 'that the camera_info is missing')
+        tell(user.publisher(CameraInfo, 'camera_info', BIG), info_of(frames[0]))
+        shoot()
+        user.wait(lambda: told('no pose has come on /arm/pose (publishers: 0): publish it there, '
+                               'remap the topic, or choose another source (poses)'),
+                  'that the pose is missing')
+        pose = user.publisher(PoseStamped, 'arm/pose', BIG)
+        tell(pose, pose_of(START - SECOND, frames[0].pose))
+        shoot()
+        user.wait(lambda: told('no pose of its time, or later, has come on /arm/pose: the newest '
+                               'is 1.000 s older; do both have one clock?'), 'that it is older')
+        tell(pose, pose_of(START, frames[0].pose))
+        shoot()
+        user.wait(lambda: told('active', DiagnosticStatus.OK), 'it to be over')
+        log = node.log
+    assert len(re.findall('no picture for 5 s', log)) == 1
+    assert 'do the cameras run, are topics to be remapped' in log
+
+
+def test_the_stamp_0_of_a_pose_or_an_image_is_no_time(tmp_path, user, frames):
+    """Not even that of both; poses that came before go on to count."""
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver',
+                 params=ONE_BY_ONE | {'collect': 'rest'}) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot, views = Robot(user), user.listen(Image, 'posed_views', BIG)
+        robot.info.publish(info_of(frames[0]))
+        robot.pose.publish(pose_of(START, frames[0].pose))
+        for each in (robot.info, robot.pose):
+            user.delivered(each)
+        robot.shoot(replace(frames[0], stamp_ns=0))
+        user.wait(lambda: 'camera_pose: camera_pose has the stamp 0, which is no time: let its '
+                  'publisher stamp the poses' in node.log, 'the refusal of the pose')
+        robot.shoot(frames[0], posed=False)
+        user.wait(lambda: views, 'the view')
+        log = node.log
+    assert ('image: frame 1 has the stamp 0, which is no time: let the camera driver stamp its '
+            'images') in log
+    assert [each.header.stamp.sec for each in views] == [START // SECOND]
+
+
 def test_what_a_mask_leaves_out_is_transparent_in_the_posed_views(tmp_path, user, frames):
     mask = np.full(frames[0].image.shape[:2], 255, np.uint8)
     mask[mask.shape[0] // 2:, 10:30] = 0
@@ -491,7 +559,7 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
 
 
 def test_the_node_looks_for_poses_only_while_images_wait(user, frames):
-    """At rest nothing wakes it but the timer of /diagnostics."""
+    """At rest nothing wakes it but two timers of a second."""
     context = Context()
     rclpy.init(context=context)
     executor = SingleThreadedExecutor(context=context)
@@ -507,15 +575,15 @@ def test_the_node_looks_for_poses_only_while_images_wait(user, frames):
         def running():
             return sum(not each.is_canceled() for each in node.timers)
 
-        user.wait(lambda: running() == 1, 'the node to rest')
+        user.wait(lambda: running() == 2, 'the node to rest')
         robot = Robot(user)
         robot.info.publish(info_of(frames[0]))
         user.delivered(robot.info)
         robot.shoot(frames[0], posed=False)
-        user.wait(lambda: running() == 2, 'an image to wait')
+        user.wait(lambda: running() == 3, 'an image to wait')
         robot.pose.publish(pose_of(frames[0].stamp_ns, frames[0].pose))
         user.wait(lambda: node.health.extra['views'] == '1 of 9', 'a view')
-        user.wait(lambda: running() == 1, 'the node to rest again')
+        user.wait(lambda: running() == 2, 'the node to rest again')
     finally:
         user.others.clear()
         node.close()

@@ -85,12 +85,14 @@ class TopicPoses:
                  offset: NDArray[np.float64] | None) -> None:
         self._node, self._names, self._frame, self._offset = node, names, frame, offset
         self._lock = Lock()  # held while the buffer is used
-        self.missing = self._none = f'no pose of its time, or later, has come on {names.topic}'
+        self.missing = ''
 
     def start(self) -> None:
         """Subscribe."""
         self._buffer = PoseBuffer(_KEPT)
-        self._node.subscribe(PoseStamped, self._names.topic, self._on_pose, MANY)
+        self._refused = ''  # why the last pose was, if it was
+        self._subscription = self._node.subscribe(PoseStamped, self._names.topic, self._on_pose,
+                                                  MANY)
 
     def nearest(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
                 tolerance: float) -> NDArray[np.float64]:
@@ -108,15 +110,31 @@ class TopicPoses:
                      gap: float) -> MovingPose | None:
         """As `PoseBuffer.interpolated`."""
         with self._lock:
-            return self._buffer.interpolated(stamp_ns, gap)
+            found = self._buffer.interpolated(stamp_ns, gap)
+            newest = self._buffer.newest
+        if found is None:
+            self.missing = self._refused or self._awaited(stamp_ns, newest)
+        return found
+
+    def _awaited(self, stamp_ns: int, newest: int | None) -> str:
+        topic = self._subscription.topic_name
+        if newest is None:
+            return (f'no pose has come on {topic} (publishers: '
+                    f'{self._subscription.get_publisher_count()}): publish it there, remap the '
+                    f'topic, or choose another source ({self._names.source})')
+        return (f'no pose of its time, or later, has come on {topic}: the newest is '
+                f'{(stamp_ns - newest) / 1e9:.3f} s older; do both have one clock?')
 
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
         if header.frame_id != self._frame:
-            self.missing = (f'{self._names.topic} is in frame {header.frame_id!r}, expected '
-                            f'{self._names.frame} {self._frame!r}')
-            raise MessageError(f'{self.missing}: set one to the other')
-        self.missing = self._none
+            self._refused = (f'{self._names.topic} is in frame {header.frame_id!r}, expected '
+                             f'{self._names.frame} {self._frame!r}')
+            raise MessageError(f'{self._refused}: set one to the other')
+        if header.stamp_ns == 0:
+            self._refused = f'{self._names.topic} has the stamp 0, which is no time'
+            raise MessageError(f'{self._refused}: let its publisher stamp the poses')
+        self._refused = ''
         placed = pose if self._offset is None else pose @ self._offset
         with self._lock:
             self._buffer.add(header.stamp_ns, placed)
