@@ -176,7 +176,7 @@ def test_a_board_tells_where_the_camera_is(launch):
     assert list(nodes) == ['pmcl_node', 'sweep_driver', 'board_node']
     assert nodes['sweep_driver'].parameters[1] == {
         'collect': 'service', 'poses': 'topic', 'fixed_frame': 'board',
-        'mount_position': [0.0] * 3, 'mount_rpy': [0.0] * 3}
+        'mount_position': [0.0] * 3, 'mount_rpy': [0.0] * 3, 'common': 0.0}
     assert nodes['board_node'].parameters[1] == {'fixed_frame': 'board'}
     for other in ({'views': ''}, {'views': 'fixed'}, {'lytro': 'true'}):
         with pytest.raises(RuntimeError, match='board tells where an ordinary camera is'):

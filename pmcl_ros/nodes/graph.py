@@ -44,7 +44,7 @@ ALL = (*NODES, GRASPS, SWEEP, FIXED, BOARD)
 BY_BOARD: dict[str, dict[str, Any]] = {
     BOARD.name: {'fixed_frame': 'board'},
     SWEEP.name: {'poses': 'topic', 'fixed_frame': 'board', 'mount_position': [0.0] * 3,
-                 'mount_rpy': [0.0] * 3}}
+                 'mount_rpy': [0.0] * 3, 'common': 0.0}}
 # What it listens to where a Lytro is moved: the centre views.
 OF_LYTRO = {'image': 'center/image', 'camera_info': 'center/camera_info'}
 

@@ -178,6 +178,7 @@ def test_a_board_tells_where_the_camera_is(tmp_path, user, write):
         assert 'poses topic: poses in board come from camera_pose' in chain.log
         assert 'its frame is board' in chain.log
         assert 'mount_position=(0.0, 0.0, 0.0)' in chain.log
+        assert 'common=0.0' in chain.log  # errors of two pictures have no arm in common
 
 
 def test_a_parameter_file_for_a_misspelt_node_is_refused(tmp_path):

@@ -60,14 +60,15 @@ def given_to_all(arguments: Sequence[str]) -> set[str]:
 
 @contextmanager
 def parameter_file(values: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
-    """Arguments for ROS that give each node its own values, without None and empty ones.
+    """Arguments for ROS that give each node its own values, without None and ''.
 
     values: by name of the node, in whatever namespace: `-p node:name:=value` holds in none.
     They go over what files before them say.
     """
     # ROS orders sections by where their names come first: no file has one of this name.
-    sections = {f'/**/**/{node}': {_VALUES: {name: value for name, value in each.items() if value}}
-                for node, each in values.items() if any(each.values())}
+    given = {node: {name: value for name, value in each.items() if value not in (None, '')}
+             for node, each in values.items()}
+    sections = {f'/**/**/{node}': {_VALUES: each} for node, each in given.items() if each}
     if not sections:
         yield []
         return
