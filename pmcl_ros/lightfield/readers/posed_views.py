@@ -17,7 +17,6 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.masks import mask_of_view, read_mask
 from pmcl_ros.lightfield.posed_view import GAMMA, LEAST_SIDE, PosedView, centre_view, encoded
-from pmcl_ros.lightfield.readers.camera_info_file import camera_entry, is_camera_info
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import (
     MOST_BYTES,
@@ -52,17 +51,12 @@ _Matrix = Annotated[tuple[float, ...], AfterValidator(_sixteen)]
 
 
 class ViewCamera(CameraEntry):
-    """A camera and the size of its pictures, by these keys or those of a CameraInfo's file."""
+    """A camera and the size of its pictures."""
 
     width: int = Field(ge=1, le=100_000, description='of its pictures [px]')
     height: int = Field(ge=1, le=100_000, description='of its pictures [px]')
     gamma: float = Field(GAMMA, gt=0, le=10, description="exponent that makes the files' values "
                          'linear light; 1: they are')
-
-    @model_validator(mode='before')
-    @classmethod
-    def _by_own_keys(cls, values: Any) -> Any:
-        return camera_entry(values) if is_camera_info(values) else values
 
     @property
     def pinhole(self) -> Pinhole:
@@ -270,7 +264,8 @@ def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
                   'camera_to_reference': each.pose.ravel().tolist()} for each in of.frames]
     except LightFieldError as error:
         raise LightFieldError(f'{yaml}: {error}') from None
-    camera = of.camera.model_dump() | {'width': width, 'height': height, 'gamma': of.gamma}
+    camera = {'width': width, 'height': height, 'gamma': of.gamma} | of.camera.model_dump(
+        exclude_none=True)
     found = ViewsFile.make({'cameras': {_SWEEP: camera}, 'views': views, 'reference': _SWEEP,
                             'bits': of.bits}, str(yaml))
     return views_of(found, yaml.parent, str(yaml),

@@ -3,15 +3,17 @@
 import logging
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import quaternion_pose
+from pmcl_ros.lightfield.readers.camera_info_file import camera_entry, is_camera_info
 from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
 from pmcl_ros.lightfield.sweep.assemble import assemble, is_grid
 from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame, warn_distorted
@@ -25,7 +27,7 @@ _MOST_BYTES = 2 ** 32  # of all pictures
 
 
 class CameraEntry(Settings):
-    """The camera that took all pictures, as calibrated by `camera_calibration` of ROS."""
+    """The camera that took all pictures, by these keys or those of a CameraInfo's file."""
 
     fx: float = Field(gt=1, lt=1e6, description='focal length [px]')
     fy: float | None = Field(None, gt=1, lt=1e6, description='focal length [px]; default: fx')
@@ -33,12 +35,23 @@ class CameraEntry(Settings):
     cy: float = Field(description='principal point, row [px]')
     model: DistortionModel = Field('plumb_bob', description='of the distortion')
     distortion: tuple[float, ...] = Field((), description='its coefficients; none: rectified')
+    width: int | None = Field(None, ge=1, le=100_000, description='of its pictures [px]')
+    height: int | None = Field(None, ge=1, le=100_000, description='of its pictures [px]')
+
+    @model_validator(mode='before')
+    @classmethod
+    def _by_own_keys(cls, values: Any) -> Any:
+        return camera_entry(values) if is_camera_info(values) else values
 
     def lens_of(self, width: int, height: int) -> Lens:
         """The camera with its distortion, of pictures of a size [px].
 
-        Raises LightFieldError for impossible coefficients.
+        Raises LightFieldError for impossible coefficients, and for another size than its own.
         """
+        own = self.width or width, self.height or height
+        if own != (width, height):
+            raise LightFieldError(f'pictures have {width}x{height} px, the camera '
+                                  f'{own[0]}x{own[1]}: give the calibration of this size')
         pinhole = Pinhole(width, height, self.fx, self.fy or self.fx, self.cx, self.cy)
         return Lens(pinhole, self.distortion, self.model)
 

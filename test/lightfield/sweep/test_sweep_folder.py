@@ -92,6 +92,33 @@ def test_it_is_read_as_it_was_taken(folder):
     np.testing.assert_allclose(small.views[0, 1][0, 0], inner, rtol=1e-5)
 
 
+def camera_of_ros(width=PINHOLE.width):
+    """The camera as `camera_calibration` of ROS writes it."""
+    matrix = {'rows': 3, 'cols': 3, 'data': PINHOLE.matrix.ravel().tolist()}
+    distortion = {'rows': 1, 'cols': 4, 'data': list(LENS.distortion)}
+    return {'image_width': width, 'image_height': PINHOLE.height, 'camera_name': 'wrist',
+            'camera_matrix': matrix, 'distortion_model': 'plumb_bob',
+            'distortion_coefficients': distortion}
+
+
+@pytest.mark.parametrize('degrees', [0.2, 50])
+def test_the_camera_may_be_a_file_of_ros(tmp_path, degrees):
+    """Of a light field and of posed views."""
+    taken = [frame(f'{number}', pose, LENS) for number, pose
+             in enumerate(raster(1, 3, 0.01, 0.0005, degrees))]
+    write_sweep(tmp_path, taken, SETTINGS)
+    own = read_source(tmp_path)
+    changed(tmp_path / 'sweep.yaml', camera=camera_of_ros())
+    found = read_source(tmp_path)
+    if isinstance(own, LightField):
+        assert found.grid.pinhole == own.grid.pinhole
+        np.testing.assert_array_equal(found.views, own.views)
+        return
+    for one, other in zip(found.views, own.views, strict=True):
+        assert one.pinhole == other.pinhole
+        np.testing.assert_array_equal(one.picture, other.picture)
+
+
 def test_a_camera_of_twelve_bits(folder, tmp_path):
     frames = [replace(each, image=each.image >> 4) for each in folder[1]]
     write_sweep(tmp_path / 'few', frames, SETTINGS.model_copy(update={'bits': 12}))
@@ -130,6 +157,9 @@ def frames(*files, w=1):
     ({'frames': frames('0.png', '1.png', '0.png')}, '0.png is there more than once'),
     ({'camera': {'fx': 200.0, 'cx': 80.0}}, r'camera.cy: Field required'),
     ({'near': 2.0}, 'near 2.0 m must be smaller'),
+    ({'camera': camera_of_ros(width=320)}, 'sweep.yaml: pictures have 160x120 px, the camera '
+     '320x120: give the calibration of this size'),
+    ({'camera': camera_of_ros() | {'fx': 5.0}}, 'camera: fx: leave it out, camera_matrix'),
 ])
 def test_what_is_wrong_is_told(folder, change, reason):
     path, _ = folder
