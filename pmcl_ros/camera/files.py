@@ -18,7 +18,7 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
-from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.outputs import refuse_existing, writing
 
 _RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
 _MEMORY = 100 << 20  # most bytes for unpacking; files of `xz -9` need 65 MiB
@@ -65,8 +65,8 @@ def read_picture(path: Path | str) -> tuple[bytes, str]:
 def write_raw_frame(path: Path | str, frame: RawFrame, force: bool = False) -> None:
     """Write NAME.RAW or NAME.RAW.xz with NAME.TXT, or NAME.LFP, as the end of `path` says.
 
-    Raises CameraError when it ends otherwise or cannot be written, OutputError when one of the
-    files is there already with other contents, unless `force`.
+    The folder is made. Raises CameraError when `path` ends otherwise, OutputError when a file
+    cannot be written, or is there already with other contents, unless `force`.
     """
     write_picture(path, pack12(frame.counts), frame.metadata.text, force)
 
@@ -74,7 +74,7 @@ def write_raw_frame(path: Path | str, frame: RawFrame, force: bool = False) -> N
 def write_picture(path: Path | str, raw: bytes, text: str, force: bool = False) -> None:
     """Like `write_raw_frame`, from packed counts and JSON text."""
     path = Path(path)
-    with _named(path, 'write'):
+    with _named(path):
         if _is_lfp(path):
             files = {path: picture_to_lfp(raw, text)}
         else:
@@ -179,13 +179,15 @@ def _holds(path: Path, data: bytes) -> bool:
 def _write(path: Path, data: bytes) -> None:
     """Write atomically: a reader of the folder never sees an incomplete picture."""
     part = path.with_name(f'{path.name}.part')
-    try:
-        part.write_bytes(data)
-        os.replace(part, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            part.unlink()
-        raise
+    with writing(path):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(data)
+            part.replace(path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                part.unlink()
+            raise
 
 
 @contextlib.contextmanager

@@ -57,13 +57,11 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
     if not any(each.kind == 'rim' for each in found):
         click.echo('no rim grasp: the mesh has no cavity that a finger fits into', err=True)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
         GraspFile.write(out, object_file, sizes, found,
                         f'Made by: pmcl grasps {object_file.name}. In the frame of the mesh, '
                         'metres: docs/howto/grasping.md')
         click.echo(out, err=True)
     if picture is not None:
         from pmcl_ros.drawing.grasp_picture import grasp_picture  # here: it imports matplotlib
-        picture.parent.mkdir(parents=True, exist_ok=True)
         write_png(picture, grasp_picture(Profile.from_model(model), sizes, found, clearances))
         click.echo(picture, err=True)

@@ -23,6 +23,7 @@ from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.pipeline import volume_settings
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.closing import Closing
+from pmcl_ros.runtime.outputs import writing
 
 COLUMNS = tuple(each.name for each in fields(Trial) if each.name != 'extra')  # of results.csv
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'moderngl', 'trimesh')
@@ -33,18 +34,22 @@ class TrialsFile(Closing):
     """A CSV with a row for each trial, written as trials come."""
 
     def __init__(self, path: Path) -> None:
-        self._stream = path.open('w', newline='')
-        self._writer = csv.DictWriter(self._stream, COLUMNS, extrasaction='ignore')
-        self._writer.writeheader()
+        self._path = path
+        with writing(path):
+            self._stream = path.open('w', newline='')
+            self._writer = csv.DictWriter(self._stream, COLUMNS, extrasaction='ignore')
+            self._writer.writeheader()
 
     def close(self) -> None:
         """Close the file."""
-        self._stream.close()
+        with writing(self._path):
+            self._stream.close()
 
     def add(self, trial: Trial) -> None:
         """Write one row, at once to the disk."""
-        self._writer.writerow(asdict(trial) | {'pose': _numbers(trial.pose)})
-        self._stream.flush()
+        with writing(self._path):
+            self._writer.writerow(asdict(trial) | {'pose': _numbers(trial.pose)})
+            self._stream.flush()
 
 
 def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
@@ -67,7 +72,7 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
     times: defaultdict[tuple[int, int], float] = defaultdict(float)
     for each in searched:
         times[image_of(each)] += each.seconds + each.dlv_seconds + each.decode_seconds
-    with path.open('w', newline='') as stream:
+    with writing(path), path.open('w', newline='') as stream:
         writer = csv.DictWriter(stream, _BOP)
         writer.writeheader()
         for each in searched:

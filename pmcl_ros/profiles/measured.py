@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings
 from pmcl_ros.profiles.revolution import Revolution
+from pmcl_ros.runtime.outputs import writing
 
 MeshKind = Literal['stl', 'obj', 'ply']
 _SECTIONS = 96  # of the mesh, about the axis
@@ -79,7 +80,8 @@ class MeasuredProfile:
 
     def write(self, path: Path, mesh: Path, comment: str) -> None:
         """Write an object YAML, and the mesh that it names. Raises as `Settings.save`."""
-        self.mesh.export(mesh)
+        with writing(mesh):
+            self.mesh.export(mesh)
         ObjectSettings.make({
             'mesh': mesh.name, 'symmetries_continuous': [{'axis': (0.0, 0.0, 1.0)}],
             'profile': np.round(self.rows, 6).tolist()}).save(path, comment)

@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +22,30 @@ def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
                               'overwrite it')
 
 
-def write_file(path: Path | str, content: str | bytes) -> None:
-    r"""Write a file of text, in UTF-8, or of bytes.
+@contextmanager
+def writing(path: Path | str) -> Iterator[None]:
+    """Raises OutputError, which names the file, for an OSError of the code that writes it.
 
-    What UTF-8 has not, as in the names of files of another encoding, is written as `\udcff`.
-    Raises OutputError, which names it, where that is impossible: its folder is missing, the disk
-    is full.
+    A full disk names none.
     """
     try:
-        Path(path).write_bytes(content.encode(errors='backslashreplace')
-                               if isinstance(content, str) else content)
+        yield
+    except FileExistsError as error:  # of mkdir: a file is where the folder would be
+        raise OutputError(f'cannot write {path}: {error.filename} is no folder') from None
     except OSError as error:
         raise OutputError(f'cannot write {path}: {error.strerror or error}') from None
+
+
+def write_file(path: Path | str, content: str | bytes) -> None:
+    r"""Write a file of text, in UTF-8, or of bytes; its folder is made.
+
+    What UTF-8 has not, as in the names of files of another encoding, is written as `\udcff`.
+    Raises OutputError, which names it, where that is impossible, as the disk is full.
+    """
+    with writing(path):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_bytes(content.encode(errors='backslashreplace')
+                               if isinstance(content, str) else content)
 
 
 class Results:
@@ -66,7 +79,8 @@ class Results:
         if not (is_own or self._force):
             raise OutputError(f'{path} is there already, and it is not what an earlier run wrote: '
                               'give another folder, or --force to overwrite it')
-        path.parent.mkdir(parents=True, exist_ok=True)
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
         self._before[name] = None if is_own else _written(path)
         self._note(own | {name: None})
         return path
@@ -118,8 +132,9 @@ class Results:
         note, part = self.folder / _NOTE, self.folder / f'{_NOTE}.{os.getpid()}.part'
         noted = {**(read_json(note) if note.exists() else {}), self._command: own}
         if any(noted.values()):
-            part.write_text(json.dumps(noted, indent=1) + '\n')
-            part.replace(note)
+            with writing(note):
+                part.write_text(json.dumps(noted, indent=1) + '\n')
+                part.replace(note)
         else:
             note.unlink(missing_ok=True)
 

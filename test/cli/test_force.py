@@ -1,6 +1,7 @@
 """No command overwrites a file that it did not write, unless it is told to by --force."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -70,6 +71,10 @@ KEPT = {'scenes pictures': ('--count 1 -o {out}', '000000.npz')}  # what is ther
 QUICK_ENOUGH = ('bag extract', 'board', 'calibration-from-truth', 'camera capture',
                 'contour-map', 'decode', 'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack',
                 'localize', 'scenes render', 'simulate', 'sweep plan')
+OWN = 'decode', 'localize', 'scenes render', 'simulate'  # they know their results
+PLACE = ['unshare', '-Urm', 'mount', '-t', 'tmpfs', 'none', '/mnt']
+FULL = ('mount -t tmpfs -o size=4k,nr_inodes=20 none "$1" && head -c 4096 /dev/zero > "$1/fill" '
+        '&& shift && exec "$@"')
 
 
 def commands(group, *words):
@@ -142,6 +147,39 @@ def test_what_is_there_stays_without_force(files, tmp_path, name):
             assert path.read_bytes() != b'mine'
 
 
+@pytest.mark.parametrize('name', [each for each in QUICK_ENOUGH if each not in OWN])
+def test_folders_are_made(files, tmp_path, name):
+    """One that cannot be made, as a file is in its place, is told in one line."""
+    arguments, of = RUNS[name]
+    (tmp_path / 'file').touch()
+    with serving(files['here'] / 'card') as address:
+        values = files | {'address': address.text}
+        call(name, arguments, values | {'out': tmp_path / 'new' / 'out'})
+        done = call(name, arguments, values | {'out': tmp_path / 'file' / 'out'}, status=1)
+    assert (tmp_path / 'new' / 'out' / of).is_file()
+    told = [line for line in done.stderr.splitlines() if 'Not a directory' in line]
+    assert len(told) == 1, done.stderr
+    assert str(tmp_path / 'file') in told[0]
+
+
+@pytest.mark.skipif(subprocess.run(PLACE, capture_output=True, check=False).returncode != 0,
+                    reason='no file system of its own may be mounted')
+@pytest.mark.parametrize('name', ['bag extract', 'calibration-from-truth', 'contour-map',
+                                  'grasps', 'grasps --picture', 'lfp pack', 'scenes pictures',
+                                  'scenes render', 'sweep plan'])
+def test_what_a_full_disk_does_not_take_is_named(files, tmp_path, name):
+    arguments, of = (RUNS | KEPT)[name]
+    words = [*name.split(' --')[0].split(), *arguments.format(
+        **files | {'out': tmp_path / 'disk' / 'out'}).split()]
+    (tmp_path / 'disk').mkdir()
+    done = subprocess.run(
+        ['unshare', '-Urm', 'sh', '-c', FULL, 'sh', tmp_path / 'disk', sys.executable, '-m',
+         'pmcl_ros.cli', *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stdout + done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert re.match(f'Error: cannot write .*{Path(of).parent}.*: No space left', last), done.stderr
+
+
 @pytest.mark.parametrize('name', KEPT)
 def test_what_is_there_is_not_made_again(tmp_path, name):
     arguments, of = KEPT[name]
@@ -150,7 +188,7 @@ def test_what_is_there_is_not_made_again(tmp_path, name):
     assert (tmp_path / of).read_text() == 'mine'
 
 
-@pytest.mark.parametrize('name', ['decode', 'localize', 'scenes render', 'simulate'])
+@pytest.mark.parametrize('name', OWN)
 def test_a_command_knows_its_own_results(files, tmp_path, name):
     arguments, of = RUNS[name]
     for out in ('one', 'two'):

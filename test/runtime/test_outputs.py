@@ -54,7 +54,9 @@ def test_a_file_holds_what_is_written_and_one_that_cannot_be_written_is_named(tm
     assert (tmp_path / 'a.txt').read_bytes() == rb'ph\udcff'
     write_file(str(tmp_path / 'a.txt'), b'\0\xff')
     assert (tmp_path / 'a.txt').read_bytes() == b'\0\xff'
-    for path, why in ((tmp_path / 'none' / 'a.txt', 'No such file or directory'),
+    write_file(tmp_path / 'new' / 'out' / 'a.txt', b'\0')
+    assert (tmp_path / 'new' / 'out' / 'a.txt').read_bytes() == b'\0'
+    for path, why in ((tmp_path / 'a.txt' / 'b.txt', f"{tmp_path / 'a.txt'} is no folder"),
                       (tmp_path, 'Is a directory'), ('/dev/full', 'No space left on device')):
         with pytest.raises(OutputError) as told:
             write_file(path, 'text')

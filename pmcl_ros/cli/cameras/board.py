@@ -50,7 +50,6 @@ def board(corners: str | None, ring: str | None, square: float, out: Path, force
         raise click.UsageError(f'-o {out}: give the name of an SVG, as board.svg')
     drawn = board_of(corners, ring, square).svg
     refuse_existing([out], force)
-    out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, drawn)
 
 

@@ -186,7 +186,6 @@ def _save(client: LytroClient, picture: Picture, record: PictureRecord, out: Pat
         task = bar.add_task(_name(record))
         raw, text = client.fetch(
             picture, lambda got, total: bar.update(task, completed=got, total=total))
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_picture(path, raw, text, force)
     for each in picture_files(path):
         os.utime(each, ns=(picture.shutter_ns, picture.shutter_ns))

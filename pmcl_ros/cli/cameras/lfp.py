@@ -55,12 +55,10 @@ def unpack(file: Path, out: Path, only: str, force: bool) -> None:
             raise CameraError(f'{file}: holds no file called {only}')
         paths = [out / name for name in names]
         refuse_existing(paths, force)
-        out.mkdir(parents=True, exist_ok=True)
         for path, reference in zip(paths, names.values(), strict=True):
             write_file(path, container.component(reference, LARGEST_RAW))
     else:
         frame = read_raw_frame(file)
-        out.mkdir(parents=True, exist_ok=True)
         write_raw_frame(out / f'{file.stem}.RAW', frame, force)
         paths = picture_files(out / f'{file.stem}.RAW')
     for path in paths:

@@ -36,7 +36,7 @@ from pmcl_ros.nodes.bench.running_graph import Graph, GraphError
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError
-from pmcl_ros.runtime.outputs import Results
+from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.runtime.usage import Usage, files_shared_without, shared_files
 
@@ -99,7 +99,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             shared -= files_shared_without(graph.processes.values())
             result = run.result()
         result.status, result.tracebacks = graph.status, graph.log.count('Traceback')
-        log.write_text(graph.log)
+        write_file(log, graph.log)
         for line in graph.log.splitlines():
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
@@ -266,8 +266,8 @@ def main() -> int:
                           } if options.full_disks else {})
             violations = result.violations(options.flood)
             report = [result.markdown(), '', *(violations or ['All as it must be.'])]
-            page.write_text('\n'.join(report) + '\n')
-            record.write_text(json.dumps(
+            write_file(page, '\n'.join(report) + '\n')
+            write_file(record, json.dumps(
                 asdict(result) | {'violations': violations, 'arguments': sys.argv[1:],
                                   'began_ns': began, 'processors': os.cpu_count()}, indent=1))
     except PmclError as error:

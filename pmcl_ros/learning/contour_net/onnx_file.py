@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from onnx import helper
 
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.outputs import write_file
 
 _OPSET, _IR = 11, 6  # of ONNX 1.6 (2019), so that old runtimes read it
 INPUT, OUTPUT = 'picture', 'map'
@@ -25,7 +26,7 @@ def write(network: keras.Model, path: Path) -> None:
     model = helper.make_model(_graph(network), producer_name='pmcl_ros', ir_version=_IR,
                               opset_imports=[helper.make_opsetid('', _OPSET)])
     onnx.checker.check_model(model)
-    path.write_bytes(model.SerializeToString())
+    write_file(path, model.SerializeToString())
 
 
 def _graph(network: keras.Model) -> onnx.GraphProto:
