@@ -194,6 +194,21 @@ def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, came
     assert '--force' in done.stderr
     assert (tmp_path / 'views.yaml').read_text() == before
 
+    # What somebody added is kept with --force, what the board tells is written anew.
+    written = yaml.safe_load(before)
+    mine = yaml.safe_load(before) | {'bits': 12}
+    mine['cameras']['camera'] |= {'mask': 'gripper.png', 'fx': 2 * CAMERA['fx']}
+    mine['views'] = [mine['views'][0] | {'mask': 'hand.png', 'stamp': 5.5, 'sigma_mm': 9.0},
+                     {'file': 'gone.png', 'camera': 'camera', 'camera_to_reference': [
+                         1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(mine))
+    pmcl(*arguments, '--force')
+    written['cameras']['camera']['mask'] = 'gripper.png'
+    written['views'][0] |= {'mask': 'hand.png', 'stamp': 5.5}
+    assert yaml.safe_load((tmp_path / 'views.yaml').read_text()) == written | {'bits': 12}
+    (tmp_path / 'views.yaml').write_text(before.replace('views:', 'view:'))
+    assert 'views.yaml: ' in pmcl(*arguments, '--force', status=1).stderr
+
 
 def test_a_folder_of_other_pictures_is_refused(boards, camera, tmp_path):
     for command, more in (('calibrate-camera', ('-o', tmp_path / 'c.yaml')),

@@ -17,6 +17,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     boards_in,
     corners_in,
 )
+from pmcl_ros.cli.cameras.kept_entries import read_earlier, with_kept
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
@@ -102,15 +103,18 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
 
     Object and board rest. The poses are in the frame of the board, with their errors: of a
     checkerboard z points into the table, of a ring out of it. Pictures without the complete
-    checkerboard, or with little of the ring, are named and left out.
+    checkerboard, or with little of the ring, are named and left out. Of a views.yaml that is there
+    (--force) what it says beside, as masks, is kept.
     """
     path = pictures / posed_views.NAME
     refuse_existing([path], force)
+    earlier = read_earlier(path)
     printed, of = board_of(corners, ring, square), OrdinaryCamera.load(camera)
     name, points = camera.stem, printed.points
     cameras = {name: of.model_dump(mode='json', exclude_none=True,
                                    include=set(posed_views.ViewCamera.model_fields))}
     listed = RestingCameras.make({
+        **({} if earlier is None else {'bits': earlier.bits}),
         'cameras': cameras, 'reference': 'board',
         'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
     reduction = reduction_for(of.width, of.height)
@@ -137,8 +141,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '
                    f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
     write_file(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
-           + yaml.safe_dump(
-               {'reference': listed.reference, 'cameras': cameras, 'views': views},
+           + yaml.safe_dump(with_kept(
+               {'reference': listed.reference, 'cameras': cameras, 'views': views}, earlier),
                default_flow_style=None, sort_keys=False))
     if isinstance(printed, CharucoRing):
         click.echo('what stands in the ring: --roi '
