@@ -4,6 +4,7 @@ A field's name, default, range, unit and description are read from here by the R
 declarations, the YAML check, the command line's help and docs/reference.md.
 """
 
+import json
 import reprlib
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -15,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.errors import FileError, OutputError, SettingsError
 from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_yaml_file
 
@@ -139,10 +140,17 @@ class Settings(BaseModel):
     def save(self, path: Path | str, comment: str = '') -> None:
         """Write the YAML file that `load` reads, `comment` lines first.
 
-        Raises OutputError when the file cannot be written.
+        Raises OutputError when the file cannot be written, and for the name of a file that is no
+        UTF-8: nobody could read it again.
         """
         lines = ''.join(f'# {line}\n' for line in comment.splitlines())
         values = self.model_dump(mode='json')
+        try:
+            json.dumps(values, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            name = error.object[:error.end].rpartition('"')[2]
+            raise OutputError(f'cannot write {path}: the name {name!r}... is no UTF-8, as YAML '
+                              'has to be: rename that file') from None
         text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
         write_file(path, lines + text)
 

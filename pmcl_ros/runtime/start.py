@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError
+from io import TextIOWrapper
 
 from pmcl_ros.runtime.errors import MissingRosError
 from pmcl_ros.runtime.imports import imported
@@ -37,6 +38,9 @@ def start(name: str) -> int | None:
 
     It is 130, as shells have it, where Ctrl-C comes before the libraries are imported.
     """
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == 'strict':
+        # Names of files that are not UTF-8 are printed as they are, for other commands to find.
+        sys.stdout.reconfigure(errors='surrogateescape')
     try:
         return imported(MODULES[name]).main()
     except KeyboardInterrupt:

@@ -1,6 +1,7 @@
 """From pictures of a board to a camera, its poses and an object's pose, as users call commands."""
 
 import json
+import os
 import re
 import shutil
 from xml.etree import ElementTree
@@ -187,7 +188,10 @@ def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, came
     assert 'no camera pose by a board of --corners 6x5 --square 0.012 in 1 pictures' in done.stderr
     assert not (tmp_path / 'views.yaml').exists()
     (tmp_path / 'b.png').write_bytes((pictures / '000.png').read_bytes())
-    pmcl(*arguments)
+    other = tmp_path / os.fsdecode(b'caf\xe9.png')  # from a machine of another locale
+    other.write_bytes((pictures / '000.png').read_bytes())
+    done = pmcl(*arguments)
+    assert 'caf\\udce9.png: its name is no UTF-8, as views.yaml has to be' in done.stderr
     before = (tmp_path / 'views.yaml').read_text()
     assert [each['file'] for each in yaml.safe_load(before)['views']] == ['b.png']
     done = pmcl(*arguments, status=1)

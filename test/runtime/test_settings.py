@@ -1,5 +1,7 @@
 """Settings are checked wherever they come from, and errors say where, which and why."""
 
+import os
+from pathlib import Path
 from typing import Literal
 
 import pytest
@@ -57,6 +59,16 @@ def test_what_is_saved_is_loaded(path, settings, comment):
 def test_comments_come_first(path):
     Example().save(path, 'one\ntwo')
     assert path.read_text().startswith('# one\n# two\ncount: 3\n')
+
+
+def test_a_name_that_nobody_could_read_again_is_not_saved(tmp_path):
+    class Named(Settings):
+        file: Path
+
+    named = Named(file=os.fsdecode(b'a/caf\xe9.obj'))
+    with pytest.raises(OutputError, match=r"a.yaml: the name 'a/caf\\udce9'... is no UTF-8"):
+        named.save(tmp_path / 'a.yaml')
+    assert not (tmp_path / 'a.yaml').exists()
 
 
 def test_settings_are_frozen():

@@ -186,3 +186,15 @@ def test_an_entry_point_is_started_by_its_name():
                           capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert 'calibrate-camera' in done.stdout
+
+
+def test_the_name_of_a_file_that_is_no_utf_8_is_printed_as_it_is(tmp_path):
+    """As in most locales, where Python's standard output takes UTF-8 alone."""
+    out = os.fsencode(tmp_path) + b'/f\xe9.yaml'
+    done = subprocess.run(
+        [sys.executable, '-m', 'pmcl_ros.cli', 'sweep', 'plan', '--distance', '1', '--resolution',
+         '0.01', '--fx', '500', '-o', out], capture_output=True, check=False, cwd=ROOT,
+        env=os.environ | {'PYTHONIOENCODING': 'utf-8:strict'})
+    assert done.returncode == 0, done.stderr
+    assert out in done.stdout
+    assert Path(os.fsdecode(out)).is_file()

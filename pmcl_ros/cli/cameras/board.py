@@ -116,7 +116,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     listed = RestingCameras.make({
         **({} if earlier is None else {'bits': earlier.bits}),
         'cameras': cameras, 'reference': 'board',
-        'views': [{'file': each.name, 'camera': name} for each in _files(pictures)]}, str(path))
+        'views': [{'file': each.name, 'camera': name} for each in _files(pictures)
+                  if _is_text(each.name)]}, str(path))
     reduction = reduction_for(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
     views, boards = [], boards_in(listed, path, printed, reduction, set())
@@ -167,6 +168,17 @@ def _files(folder: Path) -> list[Path]:
     if not found:
         raise LightFieldError(f'{folder} has no pictures ({", ".join(PICTURE_SUFFIXES)})')
     return found
+
+
+def _is_text(name: str) -> bool:
+    """Whether views.yaml can have the name of a picture; one that it cannot is told."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        click.echo(f'{name}: its name is no UTF-8, as views.yaml has to be: left out, rename it',
+                   err=True)
+        return False
+    return True
 
 
 def _size(files: list[Path]) -> tuple[int, int]:
