@@ -10,12 +10,15 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.board_camera import BoardNodeSettings
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
+from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.runtime.errors import MessageError
 
 Picture: TypeAlias = Image | CompressedImage
 _MOST, _MOST_BYTES = 100, 1 << 28  # of pictures that wait
@@ -87,6 +90,15 @@ class Silence:
 def most_waiting(size: int) -> int:
     """How many pictures of a size [bytes] may wait: their memory is limited, but for one."""
     return max(1, min(_MOST, _MOST_BYTES // max(size, 1)))
+
+
+def stamped(picture: Picture) -> Header:
+    """The header of a picture; MessageError where nobody stamped it."""
+    header = header_from(picture.header)
+    if header.stamp_ns == 0:
+        raise MessageError('its stamp is 0, which is no time: let the camera driver stamp its '
+                           'images')
+    return header
 
 
 def pixels_from(picture: Picture, bits: int) -> NDArray[Any]:

@@ -17,12 +17,12 @@ from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.view_collection import posed_view
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
 from pmcl_ros.messages.camera_info import lens_from
-from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.camera_input import (
     Picture,
     Silence,
     most_waiting,
     pixels_from,
+    stamped,
     subscribe_camera,
 )
 from pmcl_ros.nodes.runtime.base import StageNode
@@ -110,7 +110,7 @@ class FixedCameras(StageNode):
 
     def _add(self, camera: str, message: Picture) -> None:
         """Add a picture to the sets; a PmclError where it cannot be used."""
-        header = header_from(message.header)
+        header = stamped(message)
         pose = (self._poses[camera] if self._tf is None
                 else self._tf.nearest(0, header.frame_id, 0))  # the newest: it does not move
         frame = SweepFrame(f'frame {header.stamp_ns}', header.stamp_ns, pixels_from(

@@ -25,6 +25,7 @@ from pmcl_ros.nodes.camera_input import (
     Silence,
     most_waiting,
     pixels_from,
+    stamped,
     subscribe_camera,
 )
 from pmcl_ros.nodes.runtime.base import StageNode
@@ -195,10 +196,7 @@ class SweepDriver(StageNode):
             return
         self._number += 1
         name = f'frame {self._number}'
-        header = header_from(message.header)
-        if header.stamp_ns == 0:
-            raise LightFieldError(f'{name} has the stamp 0, which is no time: let the camera '
-                                  'driver stamp its images')
+        header = stamped(message)
         self._frame_id = self._frame_id or header.frame_id
         if header.frame_id != self._frame_id:
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '

@@ -356,6 +356,24 @@ def test_compressed_pictures_are_taken_and_damaged_ones_told(tmp_path, user, fra
     assert equal([each[0] for each in came], sent_by(shown, settings, SECOND))
 
 
+def test_pictures_that_nobody_stamped_are_refused(tmp_path, user, frames, settings):
+    """Stamps that are all 0 say nothing of what belongs together."""
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        views = user.listen(Image, 'posed_views', BIG)
+        cameras = [Camera(user, frames[name]) for name in LENSES]
+        for each in cameras:
+            each.tell()
+        for each in cameras:
+            each.shoot(after=-each.frame.stamp_ns)
+        user.wait(lambda: node.log.count('its stamp is 0, which is no time: let the camera') == 2,
+                  'the refusals')
+        for each in cameras:
+            each.shoot()
+        user.wait(lambda: views, 'the views')
+    assert [each.header.stamp.sec for each in views] == [START // SECOND]
+
+
 def test_that_all_cameras_are_silent_is_told_once(tmp_path, user, frames, settings):
     with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
         assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
