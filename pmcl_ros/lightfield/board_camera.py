@@ -12,8 +12,8 @@ from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.printed_board import (
     Board,
+    as_it_lies,
     clear_focal_error,
-    corners_seen,
     reduction_for,
 )
 from pmcl_ros.lightfield.readers.pictures import Bits
@@ -71,9 +71,10 @@ def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
     pinhole = reduction.pinhole(lens.pinhole)
     shrunk = reduction.shrunk(picture.astype(np.float32) / np.float32(255))
     plain = replace(lens, pinhole=pinhole).undistorted(shrunk, pinhole)
-    seen = corners_seen(board, np.rint(255 * plain).astype(np.uint8), pinhole)
-    if seen is None:
+    seen = board.seen(np.rint(255 * plain).astype(np.uint8))
+    points, heights, boards = as_it_lies(board, {} if seen is None else {name: seen}, pinhole)
+    if not boards:
         raise LightFieldError(f'{name} does not show the board {board.options}')
-    at = camera_at_board({name: seen}, board.points, pinhole)
-    mismatch = clear_focal_error({name: seen}, board, pinhole)
+    at = camera_at_board(boards, points, pinhole, heights)
+    mismatch = clear_focal_error(boards, points, pinhole)
     return CameraByBoard(at, 0 if mismatch is None else mismatch[0])

@@ -16,6 +16,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     board_options,
     boards_in,
     corners_in,
+    lying,
 )
 from pmcl_ros.cli.cameras.kept_entries import read_earlier, with_kept
 from pmcl_ros.cli.sources import PICTURE_SUFFIXES
@@ -110,7 +111,7 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     refuse_existing([path], force)
     earlier = read_earlier(path)
     printed, of = board_of(corners, ring, square), OrdinaryCamera.load(camera)
-    name, points = camera.stem, printed.points
+    name = camera.stem
     cameras = {name: of.model_dump(mode='json', exclude_none=True,
                                    include=set(posed_views.ViewCamera.model_fields))}
     listed = RestingCameras.make({
@@ -121,9 +122,10 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     reduction = reduction_for(of.width, of.height)
     pinhole = reduction.pinhole(of.pinhole)
     views, boards = [], boards_in(listed, path, printed, reduction, set())
-    for file, seen in boards.items():
+    points, heights, agreeing = lying(printed, boards, pinhole)
+    for file, seen in agreeing.items():
         try:
-            found = camera_at_board({file: seen}, points, pinhole)
+            found = camera_at_board({file: seen}, points, pinhole, heights)
         except LightFieldError as error:
             click.echo(f'{error}: left out', err=True)
             continue
@@ -135,8 +137,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
         raise LightFieldError(
             f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
             'pictures: are these its numbers, and is it in view?')
-    used = {str(each['file']): boards[str(each['file'])] for each in views}
-    if (mismatch := clear_focal_error(used, printed, pinhole)) is not None:
+    used = {str(each['file']): agreeing[str(each['file'])] for each in views}
+    if (mismatch := clear_focal_error(used, points, pinhole)) is not None:
         off, sigma = mismatch
         click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '

@@ -1,6 +1,6 @@
 """The board that options tell of, and its corners in the pictures that a views.yaml lists."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from pmcl_ros.cli.base import STDERR, with_options
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
-from pmcl_ros.lightfield.calibration.printed_board import Board, corners_seen
+from pmcl_ros.lightfield.calibration.printed_board import Board, LyingBoard, as_it_lies
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
@@ -60,9 +60,8 @@ class RestingCameras(posed_views.ViewsFile):
 
 def boards_in(of: posed_views.ViewsFile, path: Path, board: Board, reduction: Reduction,
               pinholes: set[Pinhole]) -> dict[str, NDArray[np.float64]]:
-    """Corners (m, 2) [px] in the pictures that show the board; others are named.
+    """Corners (m, 2) [px] in the pictures that show the board, as its `seen`; others are named.
 
-    NaN: corners of a ring that a picture does not show, or that are seen aside behind glass.
     pinholes: of all pictures, more than one is refused; those of light fields are added.
     """
     found = {}
@@ -73,23 +72,32 @@ def boards_in(of: posed_views.ViewsFile, path: Path, board: Board, reduction: Re
         pinholes.add(view.pinhole)  # a light field has its own
         check_one(path, pinholes)
         grey = view.displayed().mean(axis=2).astype(np.uint8)
-        seen = corners_in(grey, entry.file, board, view.pinhole)
+        seen = corners_in(grey, entry.file, board)
         if seen is not None:
             found[entry.file] = seen
     return found
 
 
-def corners_in(picture: NDArray[np.uint8], file: str, board: Board, pinhole: Pinhole | None = None
-               ) -> NDArray[np.float64] | None:
-    """Corners (m, 2) [px] in a grey picture, as of `seen`; one without the board is named.
-
-    pinhole: of a picture without distortion; corners that glass shows aside are then left out.
-    """
-    seen = board.seen(picture) if pinhole is None else corners_seen(board, picture, pinhole)
+def corners_in(picture: NDArray[np.uint8], file: str, board: Board) -> NDArray[np.float64] | None:
+    """Corners (m, 2) [px] in a grey picture, as of `seen`; one without the board is named."""
+    seen = board.seen(picture)
     if seen is None:
-        what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
-        click.echo(f'{file}: {what}', err=True)
+        _name(file, board)
     return seen
+
+
+def lying(board: Board, boards: Mapping[str, NDArray[np.float64]], pinhole: Pinhole) -> LyingBoard:
+    """`as_it_lies`, of what `boards_in` gives; pictures of too few corners are named."""
+    found = as_it_lies(board, boards, pinhole)
+    for file in boards:
+        if file not in found.pictures:
+            _name(file, board)
+    return found
+
+
+def _name(file: str, board: Board) -> None:
+    what = 'not enough of the ring' if isinstance(board, CharucoRing) else 'no complete board'
+    click.echo(f'{file}: {what}', err=True)
 
 
 def check_one(path: Path, pinholes: set[Pinhole]) -> None:

@@ -19,6 +19,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     board_of,
     boards_in,
     check_one,
+    lying,
 )
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
@@ -196,15 +197,16 @@ def cameras_at_board(source: Path, board: Board, shrink: int = 1
                               'wants two cameras or more')
     found = {}
     for name, each in cameras.items():
+        pinhole = reduction.pinhole(of.cameras[name].pinhole)
         seen = boards_in(each, path, board, reduction, set())
+        points, heights, agreeing = lying(board, seen, pinhole)
         files = ', '.join(view.file for view in each.views)
-        if not seen:
+        if not agreeing:
             raise LightFieldError(
                 f'{path}: no board of {board.options} in the pictures of {name} ({files}): are '
                 'these its numbers, and is it in view?')
-        pinhole = reduction.pinhole(of.cameras[name].pinhole)
         try:
-            found[name] = camera_at_board(seen, board.points, pinhole)
+            found[name] = camera_at_board(agreeing, points, pinhole, heights)
         except LightFieldError as error:
             raise LightFieldError(f'{path}: {name}: {error}') from None
     return of.reference if 'reference' in of.model_fields_set else 'board', found
@@ -231,10 +233,11 @@ def _calibrated(of: posed_views.ViewsFile, path: Path, board: Board, fixed_camer
         raise LightFieldError(f'{path}: sigma_mm and sigma_deg must be the same at all views, not '
                               f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     mounts = {each.file: np.array(each.mount_to_base, float).reshape(4, 4) for each in of.views}
-    pictures = [BoardPicture(name, seen, mounts[name]) for name, seen in
-                boards_in(of, path, board, reduction, pinholes).items()]
+    boards, (pinhole,) = boards_in(of, path, board, reduction, pinholes), pinholes
     try:
-        return hand_eye(pictures, board.points, pinholes.pop(), sigma, fixed_camera)
+        points, _, agreeing = lying(board, boards, pinhole)
+        pictures = [BoardPicture(name, seen, mounts[name]) for name, seen in agreeing.items()]
+        return hand_eye(pictures, points, pinhole, sigma, fixed_camera)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
 

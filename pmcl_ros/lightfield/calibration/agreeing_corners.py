@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.sheet_pose import sheet_pose
 
 _LEAST_NOISE = 0.03  # px, on each axis: what is less off is not suspected
 _UNLIKELY = 0.01  # chance of right corners, one of which is so far off
@@ -15,18 +16,16 @@ def agreeing(points: NDArray[np.float64], corners: NDArray[np.float64], pinhole:
              least: int) -> NDArray[np.intp]:
     """(k,) numbers of the corners that are left without those that do not fit the others.
 
-    points: (n, 3) on the board's plane [m]. corners: (n, 2) without distortion [px]; few are
-    wrong. least: of corners, 5 or more; where fewer are left, these may be wrong too.
+    points: (n, 3) on the board, of which z is small [m]. corners: (n, 2) without distortion [px];
+    few are wrong. least: of corners, 5 or more; where fewer are left, these may be wrong too.
     """
     kept, still = np.arange(len(points)), np.zeros(4)
     while len(kept) >= least:
         there, seen = points[kept], corners[kept]
-        is_found, turn, place = cv2.solvePnP(there, seen, pinhole.matrix, still,
-                                             flags=cv2.SOLVEPNP_IPPE)
-        if not is_found:
+        pose = sheet_pose(there, seen, pinhole.matrix, still)
+        if pose is None:
             return kept[:0]
-        turn, place = cv2.solvePnPRefineLM(there, seen, pinhole.matrix, still, turn, place)
-        expected, slopes = cv2.projectPoints(there, turn, place, pinhole.matrix, still)
+        expected, slopes = cv2.projectPoints(there, *pose, pinhole.matrix, still)
         chances = _chances(seen - expected[:, 0], np.asarray(slopes[:, :6], float))
         worst = int(chances.argmin())
         if chances[worst] * len(kept) > _UNLIKELY:

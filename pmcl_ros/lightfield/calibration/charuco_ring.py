@@ -150,18 +150,28 @@ class CharucoRing:
                                 falling.min(axis=0) - rising.max(axis=0))
         return found
 
-    def in_plane(self, corners: NDArray[np.float64], pinhole: Pinhole
-                 ) -> NDArray[np.float64] | None:
-        """What `seen` gives, without corners that are off the plane of the others.
+    def near_plane(self, corners: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """What `seen` gives, without corners that are much farther off a plane than most.
 
         corners: as of `seen`, of a camera without distortion. Behind glass a corner is seen aside.
         """
         shown = np.flatnonzero(np.isfinite(corners[:, 0]))
         plane = self.points[shown, :2]
         off = _off(_homography(plane, corners[shown]), plane, corners[shown])
-        shown = shown[off < max(_OUTLIER * float(np.median(off)), _NOISE)]
-        if len(shown) >= _LEAST:  # a homography yields to a corner far from the others
-            shown = shown[agreeing(self.points[shown], corners[shown], pinhole, _LEAST)]
+        return self._only(corners, shown[off < max(_OUTLIER * float(np.median(off)), _NOISE)])
+
+    def agreeing(self, corners: NDArray[np.float64], pinhole: Pinhole,
+                 points: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """What `near_plane` gives, without corners that are off where the others have them.
+
+        points: as `points`, of a sheet that may be bent.
+        """
+        shown = np.flatnonzero(np.isfinite(corners[:, 0]))
+        return self._only(corners, shown[agreeing(points[shown], corners[shown], pinhole, _LEAST)])
+
+    def _only(self, corners: NDArray[np.float64], shown: NDArray[np.intp]
+              ) -> NDArray[np.float64] | None:
+        """The corners with these numbers; None where they are not enough."""
         left = np.full(corners.shape, np.nan)
         left[shown] = corners[shown]
         return self._if_enough(left)

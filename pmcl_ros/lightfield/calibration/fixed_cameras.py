@@ -12,6 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of, retract
 from pmcl_ros.runtime.errors import LightFieldError
 
+_FLAT = np.array([1.0, 1.0, 0.0])
 _STEP = 1e-6  # m, rad: of derivatives
 _MOST_PIXELS = 2.0  # rms of the corners: more is a board that moved, or another lens
 _LEAST_NOISE = 0.01  # px, on each axis: no detector is better
@@ -48,18 +49,20 @@ class CameraAtBoard:
 
 
 def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
-                    pinhole: Pinhole) -> CameraAtBoard:
+                    pinhole: Pinhole, heights: NDArray[np.float64] | None = None
+                    ) -> CameraAtBoard:
     """The camera that sees the corners of a board so; camera and board rest.
 
     pictures: by name, (m, 2) corners without distortion [px], NaN: not seen. board: (m, 3) its
-    corners [m]. The noise of the corners is estimated from what is left of them.
+    corners [m]; z is small. heights: (m, k) a root of the covariance of these z [m], which are
+    exact without it. The noise of the corners is estimated from what is left of them.
     Raises LightFieldError where no pose fits the corners, where they are on one line, and where
     another pose, with the board tilted the other way, fits nearly as well.
     """
     seen = np.array([*pictures.values()])
     shown = np.isfinite(seen).all(axis=2)
     corners, points = seen[shown], np.tile(board, (len(seen), 1, 1))[shown]
-    _, turns, places, _ = cv2.solvePnPGeneric(points, corners, pinhole.matrix, np.zeros(4),
+    _, turns, places, _ = cv2.solvePnPGeneric(points * _FLAT, corners, pinhole.matrix, np.zeros(4),
                                               flags=cv2.SOLVEPNP_IPPE)
     poses = []
     for each in zip(turns, places, strict=True):
@@ -72,10 +75,11 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
         raise LightFieldError(f'{", ".join(pictures)}: the corners that are seen are nearly on '
                               'one line: show more of the board')
 
-    def residuals(camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(camera: NDArray[np.float64], there: NDArray[np.float64] = board
+                  ) -> NDArray[np.float64]:
         """(n, m, 2) px, 0 of corners that are not seen."""
         back = inverse(camera)
-        off = pinhole.project(board @ back[:3, :3].T + back[:3, 3]) - seen
+        off = pinhole.project(there @ back[:3, :3].T + back[:3, 3]) - seen
         return np.where(shown[..., None], off, 0)
 
     squares = [float(np.square(residuals(each)).sum()) for each in poses]
@@ -96,5 +100,11 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
     ahead, behind = (retract(camera, way * _STEP * np.eye(6)) for way in (1, -1))
     slopes = np.stack([(residuals(one) - residuals(other)).ravel() / (2 * _STEP)
                        for one, other in zip(ahead, behind, strict=True)], axis=1)
-    return CameraAtBoard(camera, variance * np.linalg.inv(slopes.T @ slopes),
-                         tuple(pictures), pixels)
+    covariance = variance * np.linalg.inv(slopes.T @ slopes)
+    if heights is not None:
+        up = _STEP * np.array([0, 0, 1])
+        rise = (residuals(camera, board + up) - residuals(camera, board - up)) / (2 * _STEP)
+        moved = rise[..., None] * heights[:, None]
+        follows = np.linalg.pinv(slopes) @ moved.reshape(len(slopes), -1)
+        covariance += follows @ follows.T
+    return CameraAtBoard(camera, covariance, tuple(pictures), pixels)

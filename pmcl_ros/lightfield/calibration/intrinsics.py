@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.bent_board import bent_with_camera
 from pmcl_ros.runtime.errors import LightFieldError
 
 FEWEST = 5  # pictures: with fewer, noise passes for distortion
@@ -21,7 +22,8 @@ _OWN = slice(6, 14)  # columns of fx, fy, cx, cy, k1, k2, p1, p2 in OpenCV's der
 class Intrinsics:
     """distortion: k1, k2, p1, p2 of OpenCV's plumb_bob. sigma: (8,) standard deviations of fx, fy,
     cx, cy [px] and these. names: of the pictures. pixels: (n,) rms distances of their corners
-    [px]. left_out: names of the pictures that do not fit the others.
+    [px]. board: (m, 3) the corners as they lie [m]: paper is bent. left_out: names of the pictures
+    that do not fit the others.
     """
 
     pinhole: Pinhole
@@ -29,12 +31,15 @@ class Intrinsics:
     sigma: NDArray[np.float64]
     names: tuple[str, ...]
     pixels: NDArray[np.float64]
+    board: NDArray[np.float64]
     left_out: tuple[str, ...] = ()
 
 
 def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
                    width: int, height: int) -> Intrinsics:
-    """The camera that took the pictures (OpenCV's calibrateCamera, after Zhang 2000).
+    """The camera that took the pictures, and how the board is bent that rests in them.
+
+    It begins with OpenCV's calibrateCamera (Zhang 2000), which takes the board to be flat.
 
     pictures: by name, (m, 2) corners of a board [px], NaN: not seen. board: (m, 3) its corners
     [m]. width, height: of the pictures [px]. A picture without which the others fit clearly better
@@ -43,17 +48,17 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
     board or of several cameras, and where they do not tell the focal length.
     """
     kept, left_out = dict(pictures), list[str]()
-    found = _fitted(kept, board, width, height)
+    pixels = _of_flat(kept, board, width, height)[1]
     while len(kept) > FEWEST:
-        worst = int(found.pixels.argmax())
+        worst = int(pixels.argmax())
         others = kept.copy()
-        del others[found.names[worst]]
-        without = _fitted(others, board, width, height)
-        if (np.square(without.pixels).mean()
-                > _HALVED * np.square(np.delete(found.pixels, worst)).mean()):
+        del others[[*kept][worst]]
+        without = _of_flat(others, board, width, height)[1]
+        if np.square(without).mean() > _HALVED * np.square(np.delete(pixels, worst)).mean():
             break
-        left_out.append(found.names[worst])
-        kept, found = others, without
+        left_out.append([*kept][worst])
+        kept, pixels = others, without
+    found = _fitted(kept, board, width, height)
     worst = int(found.pixels.argmax())
     if not found.pixels[worst] < _MOST_PIXELS:
         raise LightFieldError(
@@ -89,17 +94,35 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
     return float(matrix[0, 0] / pinhole.fx) - 1, float(np.sqrt(covariance[0, 0]))
 
 
-def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
-            height: int) -> Intrinsics:
+def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
+             height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The camera (8,) by boards that are flat, and rms distances (n,) of the corners [px]."""
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures show the board; a calibration needs '
                               f'{FEWEST}, better 15: is --corners or --ring that of the board?')
     unknown = Pinhole(width, height, 1, 1, 0, 0)
-    matrix, distortion, pixels, covariance = _fit(
-        pictures, board, unknown, cv2.CALIB_FIX_K3, np.eye(_OWN.stop)[:, _OWN])
-    values = (float(each) for each in (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]))
-    return Intrinsics(Pinhole(width, height, *values), tuple(distortion[:4].tolist()),
-                      np.sqrt(np.diag(covariance)), tuple(pictures), pixels)
+    matrix, distortion, pixels, _ = _fit(pictures, board, unknown, cv2.CALIB_FIX_K3,
+                                         np.eye(_OWN.stop)[:, _OWN])
+    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2],
+                     *distortion[:4]]), pixels
+
+
+def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
+            height: int) -> Intrinsics:
+    start, _ = _of_flat(pictures, board, width, height)
+    try:
+        found = bent_with_camera(pictures, board, start)
+    except np.linalg.LinAlgError as error:
+        raise _no_board(error) from None
+    fx, fy, cx, cy, *distortion = found.camera.tolist()
+    return Intrinsics(Pinhole(width, height, fx, fy, cx, cy), tuple(distortion),
+                      np.sqrt(np.diag(found.covariance)), tuple(pictures), found.pixels,
+                      found.points)
+
+
+def _no_board(error: Exception) -> LightFieldError:
+    return LightFieldError(f'the corners are those of no board ({error}); is --corners or --ring '
+                           'that of the board?'.replace('\n', ' '))
 
 
 def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], start: Pinhole,
@@ -125,8 +148,7 @@ def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64]
             information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
         covariance = np.linalg.inv(information)
     except (cv2.error, np.linalg.LinAlgError) as error:
-        raise LightFieldError(f'the corners are those of no board ({error}); is --corners or '
-                              '--ring that of the board?'.replace('\n', ' ')) from None
+        raise _no_board(error) from None
     counts = np.array([len(each) for each in corners])
     variance = sum(squares) / (2 * counts.sum() - 6 * len(counts) - len(covariance))
     return (np.asarray(matrix, float), np.asarray(distortion, float).ravel(),

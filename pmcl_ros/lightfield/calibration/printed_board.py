@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.bent_board import bent
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, focal_error
@@ -22,20 +24,37 @@ def reduction_for(width: int, height: int) -> Reduction:
     return Reduction(1, math.ceil(math.sqrt(width * height / _MOST_SEARCHED)))
 
 
-def corners_seen(board: Board, picture: NDArray[np.uint8], pinhole: Pinhole
-                 ) -> NDArray[np.float64] | None:
-    """(m, 2) px of the corners in a grey picture, as the board's `seen`.
-
-    NaN, too: corners that glass shows aside. None: it does not show the board.
+class LyingBoard(NamedTuple):
+    """points: (m, 3) its corners [m], in the frame of the plane through them. heights: (m, k) a
+    root of the covariance of their z [m]. pictures: by name,
+    (m, 2) the corners that agree on that [px], NaN: not seen.
     """
-    seen = board.seen(picture)
-    if seen is None or isinstance(board, Checkerboard):
-        return seen
-    return board.in_plane(seen, pinhole)
+
+    points: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    pictures: dict[str, NDArray[np.float64]]
 
 
-def clear_focal_error(pictures: Mapping[str, NDArray[np.float64]], board: Board, pinhole: Pinhole
-                      ) -> tuple[float, float] | None:
+def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhole: Pinhole
+               ) -> LyingBoard:
+    """The board that rests in pictures, which paper bends.
+
+    pictures: by name, (m, 2) corners as the board's `seen`, of a camera without
+    distortion [px]. Those in which too few corners agree are left out.
+    """
+    near = dict(pictures) if isinstance(board, Checkerboard) else {
+        name: each for name, seen in pictures.items()
+        if (each := board.near_plane(seen)) is not None}
+    if not near:
+        return LyingBoard(board.points, np.zeros((len(board.points), 0)), {})
+    found = bent(near, board.points, pinhole)
+    return LyingBoard(found.points, found.heights, near if isinstance(board, Checkerboard) else {
+        name: each for name, seen in near.items()
+        if (each := board.agreeing(seen, pinhole, found.points)) is not None})
+
+
+def clear_focal_error(pictures: Mapping[str, NDArray[np.float64]], points: NDArray[np.float64],
+                      pinhole: Pinhole) -> tuple[float, float] | None:
     """What `focal_error` says of pictures of a board, by name, where that is clear, else None."""
-    off, sigma = focal_error(pictures, board.points, pinhole)
+    off, sigma = focal_error(pictures, points, pinhole)
     return (off, sigma) if abs(off) > _CLEAR * math.hypot(sigma, LARGEST_ERROR) else None

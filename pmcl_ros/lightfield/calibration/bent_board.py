@@ -1,0 +1,225 @@
+"""How a sheet of paper with a board is bent, by the pictures that are taken while it rests."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.sheet_pose import sheet_pose
+from pmcl_ros.runtime.errors import LightFieldError
+
+_DEGREE = 4  # of the polynomial: paper that is curled at one edge, or at a corner
+_BEND, _BEND_FREEDOM = 3e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
+_FREEDOM = 3.0  # of the corners' errors, Student's t: some are much larger, as behind glass
+_LEAST_NOISE = 0.03  # px, on each axis: no detector is better
+_STEPS, _HALVINGS = 60, 8
+_DONE = 1e-4  # of the logarithm of the likelihood, for each corner
+_CAMERA = 8  # fx, fy, cx, cy [px], k1, k2, p1, p2
+_BY_POSE, _BY_CAMERA = slice(0, 6), slice(6, 14)  # columns of OpenCV's derivatives
+_BY_PLACE = slice(3, 6)
+
+
+@dataclass(frozen=True)
+class BentBoard:
+    """points: (m, 3) the corners as they lie [m], in the frame of the plane through them.
+    heights: (m, k) a root of the covariance of their z [m]: times its transpose it is that.
+    camera: (8,) fx, fy, cx, cy [px], k1, k2, p1, p2. covariance: (8, 8) of it, 0 of one that is
+    known. pixels: (n,) rms distances of each picture's corners from where they are expected [px].
+    """
+
+    points: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    camera: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+
+
+def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64], pinhole: Pinhole
+         ) -> BentBoard:
+    """The board as it lies, by pictures of a camera without distortion.
+
+    pictures: by name, (m, 2) corners [px], NaN: not seen; some may be wrong. Each shows eight or
+    more, not all on a line. flat: (m, 3) the corners [m], z = 0.
+    Raises LightFieldError for corners that are those of no board.
+    """
+    camera = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0]
+    return _adjusted(pictures, flat, np.array(camera, float), 0)
+
+
+def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
+                     camera: NDArray[np.float64]) -> BentBoard:
+    """As `bent`, and the camera, which begins with (8,) and is adjusted, too.
+
+    Raises numpy.linalg.LinAlgError where the pictures do not tell the camera.
+    """
+    return _adjusted(pictures, flat, camera, _CAMERA)
+
+
+class _Values(NamedTuple):
+    """shared: (8 + k,) the camera, and heights of the bend's terms [m]. poses: (n, 6) of the
+    pictures: rotation vectors, and origins [m].
+    """
+
+    shared: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+
+def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
+              camera: NDArray[np.float64], unknown: int) -> BentBoard:
+    """Poses, bend, and the first `unknown` values of the camera, adjusted together.
+
+    A bundle adjustment by Gauss-Newton steps. The scale of the corners' errors is estimated, too
+    (expectation maximisation).
+    """
+    bundle = _Bundle(pictures, flat, unknown)
+    values = bundle.start(camera)
+    variance = bundle.variance(values, np.inf)
+    cost = bundle.cost(values, variance)
+    for _ in range(_STEPS):
+        step, _ = bundle.step(values, variance)
+        for halving in range(_HALVINGS):
+            ahead = _Values(values.shared + 0.5 ** halving * step.shared,
+                            values.poses + 0.5 ** halving * step.poses)
+            if bundle.cost(ahead, variance) < cost:
+                values = ahead
+                break
+        variance = bundle.variance(values, variance)
+        before, cost = cost, bundle.cost(values, variance)
+        if before - cost < _DONE * bundle.count:
+            break
+    _, information = bundle.step(values, variance)
+    every = bundle.spread(values, variance) * np.linalg.inv(information)
+    covariance = np.zeros((_CAMERA, _CAMERA))
+    covariance[:unknown, :unknown] = every[:unknown, :unknown]
+    pixels = [np.sqrt(np.square(each).sum(axis=1).mean()) for each in bundle.off(values)]
+    heights = bundle.terms @ np.linalg.cholesky(every[unknown:, unknown:])
+    return BentBoard(bundle.points(values), heights, values.shared[:_CAMERA], covariance,
+                     np.array(pixels))
+
+
+class _Bundle:
+    """Pictures, by name (m, 2) [px], of a board that is (m, 3) while it is flat [m]."""
+
+    def __init__(self, pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
+                 unknown: int) -> None:
+        self._shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
+        self._corners = [each[own]
+                         for each, own in zip(pictures.values(), self._shown, strict=True)]
+        self._flat, self.terms = flat, _terms(flat[:, :2])
+        self._free = np.r_[:unknown, _CAMERA:_CAMERA + self.terms.shape[1]]
+        self.count = sum(map(len, self._corners))
+
+    def start(self, camera: NDArray[np.float64]) -> _Values:
+        """Flat, by each picture alone."""
+        poses = []
+        for corners, own in zip(self._corners, self._shown, strict=True):
+            pose = sheet_pose(self._flat[own], corners, _matrix(camera), camera[4:])
+            if pose is None:
+                raise LightFieldError('the corners of a picture are those of no board; is '
+                                      '--corners or --ring that of the board?')
+            poses.append(np.concatenate(pose))
+        return _Values(np.concatenate([camera, np.zeros(self.terms.shape[1])]),
+                       np.array(poses))
+
+    def points(self, values: _Values) -> NDArray[np.float64]:
+        """(m, 3) [m]."""
+        return self._flat + np.outer(self.terms @ values.shared[_CAMERA:], [0, 0, 1])
+
+    def off(self, values: _Values) -> list[NDArray[np.float64]]:
+        """(m, 2) of each picture, seen less expected [px]."""
+        return [off for off, _, _ in self._views(values)]
+
+    def cost(self, values: _Values, variance: float) -> float:
+        """Negative logarithm of the likelihood and of the prior, without what is constant."""
+        bend = np.square(values.shared[_CAMERA:] / _BEND)
+        return float(
+            (_FREEDOM + 2) / 2 * np.log1p(self._squares(values) / variance / _FREEDOM).sum()
+            + self.count * np.log(variance)
+            + (_BEND_FREEDOM + 1) / 2 * np.log1p(bend / _BEND_FREEDOM).sum())
+
+    def variance(self, values: _Values, before: float) -> float:
+        """Square of the scale of the corners' errors [px^2], by the one before."""
+        squares = self._squares(values)
+        unknown = values.poses.size + len(self._free)
+        return max(float((_weights(squares / before) * squares).sum())
+                   / max(2 * self.count - unknown, 1), _LEAST_NOISE ** 2)
+
+    def spread(self, values: _Values, variance: float) -> float:
+        """By what the inverse of the information is multiplied to be the covariance.
+
+        That of an M-estimator (Huber, "Robust Statistics", 1981, section 7.6).
+        """
+        squares = self._squares(values) / variance
+        weights = _weights(squares)
+        pull = (np.square(weights) * squares).sum()
+        slope = (weights * _FREEDOM / (_FREEDOM + squares)).mean()
+        unknown = values.poses.size + len(self._free)
+        return float(pull / max(2 * self.count - unknown, 1) / slope ** 2 * weights.mean())
+
+    def step(self, values: _Values, variance: float) -> tuple[_Values, NDArray[np.float64]]:
+        """The Gauss-Newton step, and the information on what is shared and free, without poses."""
+        bend = values.shared[_CAMERA:]
+        bends = np.arange(len(self._free) - len(bend), len(self._free))
+        prior = ((_BEND_FREEDOM + 1) / (_BEND_FREEDOM + np.square(bend / _BEND))) / _BEND ** 2
+        information, slope = np.zeros((len(self._free),) * 2), np.zeros(len(self._free))
+        information[bends, bends], slope[bends] = prior, -prior * bend
+        views = []
+        for off, by_pose, by_shared in self._views(values):
+            root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
+            left, shared = root * off.ravel(), root[:, None] * by_shared
+            unit, triangle = np.linalg.qr(root[:, None] * by_pose)
+            apart = shared - unit @ (unit.T @ shared)  # without what the pose takes up
+            information += apart.T @ apart
+            slope += apart.T @ left
+            views.append((unit.T @ left, unit.T @ shared, triangle))
+        size = 1 / np.sqrt(np.diag(information))  # of values with different units
+        free = size * np.linalg.solve(information * np.outer(size, size), size * slope)
+        onto = np.zeros(len(values.shared))
+        onto[self._free] = free
+        poses = [np.linalg.solve(triangle, left - shared @ free)
+                 for left, shared, triangle in views]
+        return _Values(onto, np.array(poses)), information
+
+    def _squares(self, values: _Values) -> NDArray[np.float64]:
+        """(count,) of all corners [px^2]."""
+        return np.concatenate([np.square(off).sum(axis=1) for off in self.off(values)])
+
+    def _views(self, values: _Values) -> Iterator[tuple[NDArray[np.float64], ...]]:
+        """Of each picture: corners seen less expected (m, 2) [px]; derivatives of the expected
+        ones, x and y in turn, by the pose (2 m, 6) and by what is shared and free (2 m, k).
+        """
+        points, camera = self.points(values), values.shared[:_CAMERA]
+        for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
+            expected, every = cv2.projectPoints(points[own], pose[:3], pose[3:], _matrix(camera),
+                                                camera[4:])
+            slopes = np.asarray(every, float)
+            up = slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0][:, 2:]
+            by_bend = up * self.terms[own].repeat(2, axis=0)
+            shared = np.concatenate([slopes[:, _BY_CAMERA], by_bend], axis=1)
+            yield corners - expected[:, 0], slopes[:, _BY_POSE], shared[:, self._free]
+
+
+def _terms(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, k) what each term of the bend adds to the heights at places (m, 2) on the sheet.
+
+    They are polynomials of second degree and more, without a plane: that is the pose.
+    """
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    x, y = ((places - middle) / np.abs(places - middle).max()).T
+    terms = np.stack([x ** (degree - power) * y ** power for degree in range(2, _DEGREE + 1)
+                      for power in range(degree + 1)], axis=1)
+    plane = np.stack([np.ones(len(x)), x, y], axis=1)
+    return np.asarray(terms - plane @ np.linalg.lstsq(plane, terms, rcond=None)[0])
+
+
+def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of corners by the squares of how far they are off, in scales of their errors."""
+    return (_FREEDOM + 2) / (_FREEDOM + squares)
+
+
+def _matrix(camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([[camera[0], 0, camera[2]], [0, camera[1], camera[3]], [0, 0, 1]])
