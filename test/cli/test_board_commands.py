@@ -80,6 +80,22 @@ def test_a_camera_is_calibrated(camera):
     assert np.abs(found.distortion).max() < 0.01
 
 
+def test_pictures_of_two_zooms_are_refused(boards, tmp_path):
+    for number in range(8):
+        seen = cv2.imread(str(boards / f'{number}.png'))
+        if number > 3:  # 15 % longer
+            seen = cv2.resize(seen, None, fx=1.15, fy=1.15, interpolation=cv2.INTER_CUBIC)
+            seen = seen[22:322, 30:430]
+        cv2.imwrite(str(tmp_path / f'{number}.jpg'), seen)
+    done = pmcl('calibrate-camera', tmp_path, '--corners', '10x7', '--square', 0.02, '-o',
+                tmp_path / 'c.yaml', status=1)
+    assert not (tmp_path / 'c.yaml').exists()
+    told = re.search(r'0.jpg, 1.jpg, 2.jpg, 3.jpg were .* about (\d+) px, 4.jpg, 5.jpg, 6.jpg, '
+                     r'7.jpg of about (\d+) px: was the zoom or the focus moved', done.stderr)
+    assert told, done.stderr
+    assert [int(each) for each in told.groups()] == pytest.approx([375, 431], rel=0.01)
+
+
 @pytest.fixture(scope='module')
 def placed(tmp_path_factory):
     """A capture of posed views, and the same pictures with a board on the table beside it.

@@ -7,6 +7,7 @@ from scipy.special import fdtrc
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.sheet_pose import sheet_pose
+from pmcl_ros.runtime.errors import LightFieldError
 
 _LEAST_NOISE = 0.03  # px, on each axis: what is less off is not suspected
 _UNLIKELY = 0.01  # chance of right corners, one of which is so far off
@@ -22,8 +23,9 @@ def agreeing(points: NDArray[np.float64], corners: NDArray[np.float64], pinhole:
     kept, still = np.arange(len(points)), np.zeros(4)
     while len(kept) >= least:
         there, seen = points[kept], corners[kept]
-        pose = sheet_pose(there, seen, pinhole.matrix, still)
-        if pose is None:
+        try:
+            pose = sheet_pose(there, seen, pinhole.matrix, still)
+        except LightFieldError:
             return kept[:0]
         expected, slopes = cv2.projectPoints(there, *pose, pinhole.matrix, still)
         chances = _chances(seen - expected[:, 0], np.asarray(slopes[:, :6], float))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.sheet_pose import sheet_pose
-from pmcl_ros.runtime.errors import LightFieldError
 
 _DEGREE = 4  # of the polynomial: paper that is curled at one edge, or at a corner
 _BEND, _BEND_FREEDOM = 3e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
@@ -118,9 +117,6 @@ class _Bundle:
         poses = []
         for corners, own in zip(self._corners, self._shown, strict=True):
             pose = sheet_pose(self._flat[own], corners, _matrix(camera), camera[4:])
-            if pose is None:
-                raise LightFieldError('the corners of a picture are those of no board; is '
-                                      '--corners or --ring that of the board?')
             poses.append(np.concatenate(pose))
         return _Values(np.concatenate([camera, np.zeros(self.terms.shape[1])]),
                        np.array(poses))

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.bent_board import bent_with_camera
+from pmcl_ros.lightfield.calibration.two_zooms import two_zooms
 from pmcl_ros.runtime.errors import LightFieldError
 
 FEWEST = 5  # pictures: with fewer, noise passes for distortion
 _MOST_PIXELS = 2.0  # rms of the corners of a picture: more is another camera, zoom or focus
 LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
 _HALVED = 0.5  # mean square of the others' corners without a picture that does not fit them
+_FEW = 0.25  # of the pictures: so many of another zoom are left out
 _OWN = slice(6, 14)  # columns of fx, fy, cx, cy, k1, k2, p1, p2 in OpenCV's derivatives
 
 
@@ -35,6 +37,13 @@ class Intrinsics:
     left_out: tuple[str, ...] = ()
 
 
+    @property
+    def camera(self) -> NDArray[np.float64]:
+        """(8,) of which `sigma` are the standard deviations."""
+        of = self.pinhole
+        return np.array([of.fx, of.fy, of.cx, of.cy, *self.distortion])
+
+
 def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
                    width: int, height: int) -> Intrinsics:
     """The camera that took the pictures, and how the board is bent that rests in them.
@@ -43,22 +52,44 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
 
     pictures: by name, (m, 2) corners of a board [px], NaN: not seen. board: (m, 3) its corners
     [m]. width, height: of the pictures [px]. A picture without which the others fit clearly better
-    is left out.
+    is left out, and so are a few of another zoom.
     Raises LightFieldError for fewer than `FEWEST` pictures, where the corners are those of no
-    board or of several cameras, and where they do not tell the focal length.
+    board, of several cameras or of two zooms, and where they do not tell the focal length.
     """
     kept, left_out = dict(pictures), list[str]()
-    pixels = _of_flat(kept, board, width, height)[1]
+    flat, pixels = _of_flat(kept, board, width, height)
     while len(kept) > FEWEST:
         worst = int(pixels.argmax())
         others = kept.copy()
         del others[[*kept][worst]]
-        without = _of_flat(others, board, width, height)[1]
+        camera, without = _of_flat(others, board, width, height)
         if np.square(without).mean() > _HALVED * np.square(np.delete(pixels, worst)).mean():
             break
         left_out.append([*kept][worst])
-        kept, pixels = others, without
-    found = _fitted(kept, board, width, height)
+        kept, flat, pixels = others, camera, without
+    found = _fitted(kept, board, flat, width, height)
+    zooms = None
+    if min(pixels.max(), found.pixels.max()) < _MOST_PIXELS:
+        # Which the boards explain best: a bend yields to zooms, where there are two.
+        is_bent = np.square(found.pixels).mean() < _HALVED * np.square(pixels).mean()
+        zooms = (two_zooms(kept, found.board, found.camera) if is_bent
+                 else two_zooms(kept, board, flat))
+    if zooms is not None:
+        fewer = min(zooms.names, key=len)
+        if len(fewer) > min(_FEW * len(kept), len(kept) - FEWEST):
+            shorter, longer = map(_told, zooms.names)
+            raise LightFieldError(
+                f'{shorter} were taken with a focal length of about {zooms.focal[0]:.0f} px, '
+                f'{longer} of about {zooms.focal[1]:.0f} px: was the zoom or the focus moved? '
+                'Calibrate with the pictures of one')
+        left_out += fewer
+        found = _fitted({name: kept[name] for name in kept if name not in fewer}, board, flat,
+                        width, height)
+    _check(found)
+    return replace(found, left_out=tuple(left_out))
+
+
+def _check(found: Intrinsics) -> None:
     worst = int(found.pixels.argmax())
     if not found.pixels[worst] < _MOST_PIXELS:
         raise LightFieldError(
@@ -70,7 +101,10 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
             f'the focal length is known to {100 * unsure:.1f} % only, {100 * LARGEST_ERROR:g} % '
             'are needed: tilt the board by 20 to 40 degrees, another way in each picture, and '
             'bring it nearer')
-    return replace(found, left_out=tuple(left_out))
+
+
+def _told(names: tuple[str, ...]) -> str:
+    return ', '.join(names[:8]) + ', ...' * (len(names) > 8)
 
 
 def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
@@ -107,9 +141,9 @@ def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.floa
                      *distortion[:4]]), pixels
 
 
-def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
-            height: int) -> Intrinsics:
-    start, _ = _of_flat(pictures, board, width, height)
+def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
+            start: NDArray[np.float64], width: int, height: int) -> Intrinsics:
+    """start: (8,) of the camera."""
     try:
         found = bent_with_camera(pictures, board, start)
     except np.linalg.LinAlgError as error:

@@ -1,5 +1,7 @@
 """A camera by pictures of a board: against truth and its own standard deviations."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -73,6 +75,62 @@ def test_a_picture_of_another_zoom_is_left_out():
     assert found.left_out == ('zoomed.png',)
     assert found.names == tuple(f'{number}.png' for number in range(10))
     assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
+
+
+def of_two(rng, shorter, longer, zoom, **changes):
+    """Pictures of one zoom, a.0.png, ..., and of a longer one, b.0.png, ..."""
+    zoomed = TRUTH * [zoom, zoom, 1, 1, 1, 1, 1, 1]
+    return ({f'a.{name}': each for name, each in seen(rng, shorter, **changes).items()}
+            | {f'b.{name}': each for name, each in seen(
+                rng, longer, values=zoomed, **changes).items()})
+
+
+@pytest.mark.parametrize(('count', 'zoom', 'noise'), [(4, 1.1, NOISE), (6, 1.06, NOISE),
+                                                      (6, 1.4, NOISE), (6, 1.15, 0.5)])
+def test_two_zooms_half_and_half_are_named(count, zoom, noise):
+    for seed in range(4):
+        pictures = of_two(np.random.default_rng(seed), count, count, zoom, noise=noise)
+        with pytest.raises(LightFieldError) as caught:
+            fit_intrinsics(pictures, BOARD.points, *SIZE)
+        one, other = (', '.join(f'{group}.{number}.png' for number in range(count))
+                      for group in 'ab')
+        told = re.match(fr'{one} were taken with a focal length of about (\d+) px, {other} of '
+                        r'about (\d+) px: was the zoom or the focus moved\?', str(caught.value))
+        assert told, caught.value
+        assert [int(each) for each in told.groups()] == pytest.approx(
+            [612, 612 * zoom], rel=0.01 * noise / NOISE)
+
+
+def test_a_few_pictures_of_another_zoom_are_left_out():
+    found = fit_intrinsics(of_two(np.random.default_rng(8), 12, 3, 1.08), BOARD.points, *SIZE)
+    assert sorted(found.left_out) == ['b.0.png', 'b.1.png', 'b.2.png']
+    assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
+
+
+@pytest.mark.parametrize(('count', 'tilt', 'noise'), [(8, 35, 0.1), (8, 35, 0.5), (6, 35, NOISE),
+                                                      (15, 15, 0.3), (8, 12, 0.05)])
+def test_pictures_of_one_zoom_are_not_taken_for_two(count, tilt, noise):
+    for seed in range(12):
+        found = fit_intrinsics(seen(np.random.default_rng(seed), count, tilt, noise),
+                               BOARD.points, *SIZE)
+        assert found.left_out == ()
+
+
+def test_a_lens_that_the_model_does_not_know_is_not_taken_for_two_zooms():
+    """A fisheye: none of its straight lines is straight."""
+    matrix, rng = np.array([[300.0, 0, 322], [0, 300, 238], [0, 0, 1]]), np.random.default_rng(9)
+    pictures = {}
+    for number in range(12):
+        turn = Rotation.from_euler('xyz', [*rng.uniform(-35, 35, 2), rng.uniform(-20, 20)],
+                                   degrees=True)
+        place = [*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.22, 0.35)]
+        place = np.array(place) - turn.apply(BOARD.points.mean(axis=0))
+        pixels, _ = cv2.fisheye.projectPoints(BOARD.points[:, None], turn.as_rotvec(), place,
+                                              matrix, np.zeros(4))
+        pictures[f'{number}.png'] = pixels[:, 0] + rng.normal(0, NOISE, (len(BOARD.points), 2))
+    found = fit_intrinsics(pictures, BOARD.points, *SIZE)
+    assert found.left_out == ()
+    assert found.pinhole.fx == pytest.approx(300, rel=0.02)
 
 
 def test_a_blurred_picture_stays():
