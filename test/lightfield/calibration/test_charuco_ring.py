@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
 from pmcl_ros.runtime.errors import SettingsError
 
 has_detector = hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector')
@@ -145,12 +146,12 @@ def test_corners_behind_glass_are_left_out():
     assert len(behind) > 3
     aside = corners.copy()
     aside[behind] += rng.uniform(1.5, 6, (len(behind), 2))
-    left = ring.in_plane(aside, PINHOLE)
+    left = as_it_lies(ring, {'a': aside}, PINHOLE).pictures['a']
     assert np.isnan(left[behind]).all()
     others = np.setdiff1d(np.arange(len(exact)), behind)
     np.testing.assert_array_equal(left[others], corners[others])
-    np.testing.assert_array_equal(ring.in_plane(corners, PINHOLE), corners)
-    assert ring.in_plane(np.full(corners.shape, 100.0), PINHOLE) is None
+    np.testing.assert_array_equal(as_it_lies(ring, {'a': corners}, PINHOLE).pictures['a'], corners)
+    assert as_it_lies(ring, {'a': np.full(corners.shape, 100.0)}, PINHOLE).pictures == {}
 
 
 @needs_detector
