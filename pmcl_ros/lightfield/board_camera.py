@@ -76,5 +76,5 @@ def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
     if not boards:
         raise LightFieldError(f'{name} does not show the board {board.options}')
     at = camera_at_board(boards, points, pinhole, heights)
-    mismatch = clear_focal_error(boards, points, pinhole)
+    mismatch = clear_focal_error(boards, board, pinhole)
     return CameraByBoard(at, 0 if mismatch is None else mismatch[0])

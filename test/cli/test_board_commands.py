@@ -75,8 +75,8 @@ def camera(boards, tmp_path_factory):
 def test_a_camera_is_calibrated(camera):
     found = ViewCamera.load(camera)
     assert (found.width, found.height) == (400, 300)
-    assert [found.fx, found.fy, found.cx, found.cy] == pytest.approx([375, 375, 198, 152],
-                                                                     rel=0.002)
+    assert [found.fx, found.fy] == pytest.approx([375, 375], rel=0.002)
+    assert [found.cx, found.cy] == pytest.approx([198, 152], abs=0.8)
     assert np.abs(found.distortion).max() < 0.01
 
 

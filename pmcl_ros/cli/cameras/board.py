@@ -138,7 +138,7 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
             f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
             'pictures: are these its numbers, and is it in view?')
     used = {str(each['file']): agreeing[str(each['file'])] for each in views}
-    if (mismatch := clear_focal_error(used, points, pinhole)) is not None:
+    if (mismatch := clear_focal_error(used, printed, pinhole)) is not None:
         off, sigma = mismatch
         click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
                    f'{"longer" if off > 0 else "shorter"} (standard deviation '

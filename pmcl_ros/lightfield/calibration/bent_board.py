@@ -26,8 +26,9 @@ _BY_PLACE = slice(3, 6)
 class BentBoard:
     """points: (m, 3) the corners as they lie [m], in the frame of the plane through them.
     heights: (m, k) a root of the covariance of their z [m]: times its transpose it is that.
-    camera: (8,) fx, fy, cx, cy [px], k1, k2, p1, p2. covariance: (8, 8) of it, 0 of one that is
-    known. pixels: (n,) rms distances of each picture's corners from where they are expected [px].
+    camera: (8,) fx, fy, cx, cy [px], k1, k2, p1, p2. covariance: (q, q) of what of it was
+    adjusted. pixels: (n,) rms distances of each picture's corners from where they are expected
+    [px].
     """
 
     points: NDArray[np.float64]
@@ -46,7 +47,7 @@ def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
     Raises LightFieldError for corners that are those of no board.
     """
     camera = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0]
-    return _adjusted(pictures, flat, np.array(camera, float), 0)
+    return _adjusted(pictures, flat, np.array(camera, float), np.zeros((_CAMERA, 0)))
 
 
 def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
@@ -55,12 +56,19 @@ def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[
 
     Raises numpy.linalg.LinAlgError where the pictures do not tell the camera.
     """
-    return _adjusted(pictures, flat, camera, _CAMERA)
+    return _adjusted(pictures, flat, camera, np.eye(_CAMERA))
+
+
+def bent_with_focal_length(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
+                           pinhole: Pinhole) -> BentBoard:
+    """As `bent`, and the focal length; the covariance is that of the share by which it differs."""
+    camera = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0])
+    return _adjusted(pictures, flat, camera, np.diag(camera)[:, :2].sum(axis=1)[:, None])
 
 
 class _Values(NamedTuple):
-    """shared: (8 + k,) the camera, and heights of the bend's terms [m]. poses: (n, 6) of the
-    pictures: rotation vectors, and origins [m].
+    """shared: (q + k,) what is unknown of the camera, and heights of the bend's terms [m]. poses:
+    (n, 6) of the pictures: rotation vectors, and origins [m].
     """
 
     shared: NDArray[np.float64]
@@ -68,14 +76,15 @@ class _Values(NamedTuple):
 
 
 def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
-              camera: NDArray[np.float64], unknown: int) -> BentBoard:
-    """Poses, bend, and the first `unknown` values of the camera, adjusted together.
+              camera: NDArray[np.float64], onto: NDArray[np.float64]) -> BentBoard:
+    """Poses, bend, and what is unknown of the camera, adjusted together.
 
+    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown.
     A bundle adjustment by Gauss-Newton steps. The scale of the corners' errors is estimated, too
     (expectation maximisation).
     """
-    bundle = _Bundle(pictures, flat, unknown)
-    values = bundle.start(camera)
+    bundle = _Bundle(pictures, flat, camera, onto)
+    values = bundle.start()
     variance = bundle.variance(values, np.inf)
     cost = bundle.cost(values, variance)
     for _ in range(_STEPS):
@@ -91,39 +100,45 @@ def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.floa
         if before - cost < _DONE * bundle.count:
             break
     _, information = bundle.step(values, variance)
-    every = bundle.spread(values, variance) * np.linalg.inv(information)
-    covariance = np.zeros((_CAMERA, _CAMERA))
-    covariance[:unknown, :unknown] = every[:unknown, :unknown]
+    every = bundle.spread(values, variance) * np.asarray(np.linalg.inv(information), float)
+    unknown = onto.shape[1]
     pixels = [np.sqrt(np.square(each).sum(axis=1).mean()) for each in bundle.off(values)]
     heights = bundle.terms @ np.linalg.cholesky(every[unknown:, unknown:])
-    return BentBoard(bundle.points(values), heights, values.shared[:_CAMERA], covariance,
-                     np.array(pixels))
+    return BentBoard(bundle.points(values), heights, bundle.camera(values),
+                     every[:unknown, :unknown], np.array(pixels))
 
 
 class _Bundle:
-    """Pictures, by name (m, 2) [px], of a board that is (m, 3) while it is flat [m]."""
+    """Pictures, by name (m, 2) [px], of a board that is (m, 3) while it is flat [m].
+
+    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown.
+    """
 
     def __init__(self, pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
-                 unknown: int) -> None:
+                 camera: NDArray[np.float64], onto: NDArray[np.float64]) -> None:
         self._shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
         self._corners = [each[own]
                          for each, own in zip(pictures.values(), self._shown, strict=True)]
         self._flat, self.terms = flat, _terms(flat[:, :2])
-        self._free = np.r_[:unknown, _CAMERA:_CAMERA + self.terms.shape[1]]
+        self._camera, self._onto = camera, onto
+        self._unknown = onto.shape[1]
         self.count = sum(map(len, self._corners))
 
-    def start(self, camera: NDArray[np.float64]) -> _Values:
+    def start(self) -> _Values:
         """Flat, by each picture alone."""
         poses = []
         for corners, own in zip(self._corners, self._shown, strict=True):
-            pose = sheet_pose(self._flat[own], corners, _matrix(camera), camera[4:])
+            pose = sheet_pose(self._flat[own], corners, _matrix(self._camera), self._camera[4:])
             poses.append(np.concatenate(pose))
-        return _Values(np.concatenate([camera, np.zeros(self.terms.shape[1])]),
-                       np.array(poses))
+        return _Values(np.zeros(self._unknown + self.terms.shape[1]), np.array(poses))
+
+    def camera(self, values: _Values) -> NDArray[np.float64]:
+        """(8,)."""
+        return self._camera + self._onto @ values.shared[:self._unknown]
 
     def points(self, values: _Values) -> NDArray[np.float64]:
         """(m, 3) [m]."""
-        return self._flat + np.outer(self.terms @ values.shared[_CAMERA:], [0, 0, 1])
+        return self._flat + np.outer(self.terms @ values.shared[self._unknown:], [0, 0, 1])
 
     def off(self, values: _Values) -> list[NDArray[np.float64]]:
         """(m, 2) of each picture, seen less expected [px]."""
@@ -131,7 +146,7 @@ class _Bundle:
 
     def cost(self, values: _Values, variance: float) -> float:
         """Negative logarithm of the likelihood and of the prior, without what is constant."""
-        bend = np.square(values.shared[_CAMERA:] / _BEND)
+        bend = np.square(values.shared[self._unknown:] / _BEND)
         return float(
             (_FREEDOM + 2) / 2 * np.log1p(self._squares(values) / variance / _FREEDOM).sum()
             + self.count * np.log(variance)
@@ -140,7 +155,7 @@ class _Bundle:
     def variance(self, values: _Values, before: float) -> float:
         """Square of the scale of the corners' errors [px^2], by the one before."""
         squares = self._squares(values)
-        unknown = values.poses.size + len(self._free)
+        unknown = values.poses.size + len(values.shared)
         return max(float((_weights(squares / before) * squares).sum())
                    / max(2 * self.count - unknown, 1), _LEAST_NOISE ** 2)
 
@@ -153,17 +168,15 @@ class _Bundle:
         weights = _weights(squares)
         pull = (np.square(weights) * squares).sum()
         slope = (weights * _FREEDOM / (_FREEDOM + squares)).mean()
-        unknown = values.poses.size + len(self._free)
+        unknown = values.poses.size + len(values.shared)
         return float(pull / max(2 * self.count - unknown, 1) / slope ** 2 * weights.mean())
 
     def step(self, values: _Values, variance: float) -> tuple[_Values, NDArray[np.float64]]:
-        """The Gauss-Newton step, and the information on what is shared and free, without poses."""
-        bend = values.shared[_CAMERA:]
-        bends = np.arange(len(self._free) - len(bend), len(self._free))
-        prior = ((_BEND_FREEDOM + 1) / (_BEND_FREEDOM + np.square(bend / _BEND))) / _BEND ** 2
-        information, slope = np.zeros((len(self._free),) * 2), np.zeros(len(self._free))
-        information[bends, bends], slope[bends] = prior, -prior * bend
-        views = []
+        """The Gauss-Newton step, and the information on what is shared, whatever the poses are."""
+        bend, prior = values.shared[self._unknown:], np.zeros(len(values.shared))
+        prior[self._unknown:] = ((_BEND_FREEDOM + 1) / (_BEND_FREEDOM + np.square(bend / _BEND))
+                                 / _BEND ** 2)
+        information, slope, views = np.diag(prior), -prior * values.shared, []
         for off, by_pose, by_shared in self._views(values):
             root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
             left, shared = root * off.ravel(), root[:, None] * by_shared
@@ -173,12 +186,10 @@ class _Bundle:
             slope += apart.T @ left
             views.append((unit.T @ left, unit.T @ shared, triangle))
         size = 1 / np.sqrt(np.diag(information))  # of values with different units
-        free = size * np.linalg.solve(information * np.outer(size, size), size * slope)
-        onto = np.zeros(len(values.shared))
-        onto[self._free] = free
-        poses = [np.linalg.solve(triangle, left - shared @ free)
+        step = size * np.linalg.solve(information * np.outer(size, size), size * slope)
+        poses = [np.linalg.solve(triangle, left - shared @ step)
                  for left, shared, triangle in views]
-        return _Values(onto, np.array(poses)), information
+        return _Values(step, np.array(poses)), information
 
     def _squares(self, values: _Values) -> NDArray[np.float64]:
         """(count,) of all corners [px^2]."""
@@ -186,17 +197,17 @@ class _Bundle:
 
     def _views(self, values: _Values) -> Iterator[tuple[NDArray[np.float64], ...]]:
         """Of each picture: corners seen less expected (m, 2) [px]; derivatives of the expected
-        ones, x and y in turn, by the pose (2 m, 6) and by what is shared and free (2 m, k).
+        ones, x and y in turn, by the pose (2 m, 6) and by what is shared (2 m, q + k).
         """
-        points, camera = self.points(values), values.shared[:_CAMERA]
+        points, camera = self.points(values), self.camera(values)
         for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
             expected, every = cv2.projectPoints(points[own], pose[:3], pose[3:], _matrix(camera),
                                                 camera[4:])
             slopes = np.asarray(every, float)
             up = slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0][:, 2:]
-            by_bend = up * self.terms[own].repeat(2, axis=0)
-            shared = np.concatenate([slopes[:, _BY_CAMERA], by_bend], axis=1)
-            yield corners - expected[:, 0], slopes[:, _BY_POSE], shared[:, self._free]
+            by_shared = [slopes[:, _BY_CAMERA] @ self._onto,
+                         up * self.terms[own].repeat(2, axis=0)]
+            yield corners - expected[:, 0], slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
 
 
 def _terms(places: NDArray[np.float64]) -> NDArray[np.float64]:

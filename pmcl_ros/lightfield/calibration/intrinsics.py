@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.bent_board import bent_with_camera
+from pmcl_ros.lightfield.calibration.bent_board import (
+    bent_with_camera,
+    bent_with_focal_length,
+)
 from pmcl_ros.lightfield.calibration.two_zooms import two_zooms
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -17,7 +20,6 @@ _MOST_PIXELS = 2.0  # rms of the corners of a picture: more is another camera, z
 LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
 _HALVED = 0.5  # mean square of the others' corners without a picture that does not fit them
 _FEW = 0.25  # of the pictures: so many of another zoom are left out
-_OWN = slice(6, 14)  # columns of fx, fy, cx, cy, k1, k2, p1, p2 in OpenCV's derivatives
 
 
 @dataclass(frozen=True)
@@ -115,17 +117,11 @@ def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.f
     seen. board: (m, 3) its corners [m]. The standard deviation is that by the corners alone.
     Raises LightFieldError where the corners are those of no board.
     """
-    alone = (cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_ASPECT_RATIO
-             | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1
-             | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3)
-    onto = np.zeros((_OWN.stop, 1))
-    onto[_OWN.start:_OWN.start + 2, 0] = pinhole.fx, pinhole.fy
-    # OpenCV refuses a principal point outside of the picture, as that of a part of one may be.
-    middle = replace(pinhole, cx=pinhole.width / 2, cy=pinhole.height / 2)
-    shift = np.array([middle.cx - pinhole.cx, middle.cy - pinhole.cy])
-    moved = {name: corners + shift for name, corners in pictures.items()}
-    matrix, _, _, covariance = _fit(moved, board, middle, alone, onto)
-    return float(matrix[0, 0] / pinhole.fx) - 1, float(np.sqrt(covariance[0, 0]))
+    try:
+        found = bent_with_focal_length(pictures, board, pinhole)
+    except np.linalg.LinAlgError as error:
+        raise _no_board(error) from None
+    return float(found.camera[0] / pinhole.fx) - 1, float(np.sqrt(found.covariance[0, 0]))
 
 
 def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,
@@ -134,11 +130,20 @@ def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.floa
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures show the board; a calibration needs '
                               f'{FEWEST}, better 15: is --corners or --ring that of the board?')
-    unknown = Pinhole(width, height, 1, 1, 0, 0)
-    matrix, distortion, pixels, _ = _fit(pictures, board, unknown, cv2.CALIB_FIX_K3,
-                                         np.eye(_OWN.stop)[:, _OWN])
-    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2],
-                     *distortion[:4]]), pixels
+    shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
+    points = [board[each].astype(np.float32) for each in shown]
+    corners = [each[own].astype(np.float32)
+               for each, own in zip(pictures.values(), shown, strict=True)]
+    try:
+        _, matrix, distortion, turns, places = cv2.calibrateCamera(
+            points, corners, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
+    except cv2.error as error:
+        raise _no_board(error) from None
+    off = [cv2.projectPoints(of, turn, place, matrix, distortion)[0][:, 0] - seen
+           for of, seen, turn, place in zip(points, corners, turns, places, strict=True)]
+    camera = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion.ravel()[:4]]
+    return (np.array(camera, float),
+            np.array([np.sqrt(np.square(each).sum(axis=1).mean()) for each in off]))
 
 
 def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
@@ -157,33 +162,3 @@ def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float
 def _no_board(error: Exception) -> LightFieldError:
     return LightFieldError(f'the corners are those of no board ({error}); is --corners or --ring '
                            'that of the board?'.replace('\n', ' '))
-
-
-def _fit(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], start: Pinhole,
-         flags: int, onto: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Matrix (3, 3), distortion (5,), rms distances (n,) of corners [px], covariance (k, k).
-
-    flags: of OpenCV's calibrateCamera. onto: (14, k) derivatives of its unknowns, as projectPoints
-    lists them, by those of which the covariance is.
-    """
-    shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
-    points = [board[each].astype(np.float32) for each in shown]
-    corners = [each[own].astype(np.float32)
-               for each, own in zip(pictures.values(), shown, strict=True)]
-    try:
-        _, matrix, distortion, turns, places = cv2.calibrateCamera(
-            points, corners, (start.width, start.height), start.matrix.copy(), np.zeros(5),
-            flags=flags)
-        squares, information = [], np.zeros((onto.shape[1],) * 2)
-        for of, seen, turn, place in zip(points, corners, turns, places, strict=True):
-            expected, slopes = cv2.projectPoints(of, turn, place, matrix, distortion)
-            squares.append(float(np.square(expected[:, 0] - seen).sum()))
-            own, pose = slopes[:, :len(onto)] @ onto, slopes[:, :6]
-            information += own.T @ (own - pose @ np.linalg.lstsq(pose, own, rcond=None)[0])
-        covariance = np.linalg.inv(information)
-    except (cv2.error, np.linalg.LinAlgError) as error:
-        raise _no_board(error) from None
-    counts = np.array([len(each) for each in corners])
-    variance = sum(squares) / (2 * counts.sum() - 6 * len(counts) - len(covariance))
-    return (np.asarray(matrix, float), np.asarray(distortion, float).ravel(),
-            np.sqrt(squares / counts), np.asarray(variance * covariance, float))

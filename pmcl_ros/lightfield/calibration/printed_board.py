@@ -53,8 +53,8 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
         if (each := board.agreeing(seen, pinhole, found.points)) is not None})
 
 
-def clear_focal_error(pictures: Mapping[str, NDArray[np.float64]], points: NDArray[np.float64],
-                      pinhole: Pinhole) -> tuple[float, float] | None:
+def clear_focal_error(pictures: Mapping[str, NDArray[np.float64]], board: Board, pinhole: Pinhole
+                      ) -> tuple[float, float] | None:
     """What `focal_error` says of pictures of a board, by name, where that is clear, else None."""
-    off, sigma = focal_error(pictures, points, pinhole)
+    off, sigma = focal_error(pictures, board.points, pinhole)
     return (off, sigma) if abs(off) > _CLEAR * math.hypot(sigma, LARGEST_ERROR) else None
