@@ -16,6 +16,7 @@ _FLAT = np.array([1.0, 1.0, 0.0])
 _STEP = 1e-6  # m, rad: of derivatives
 _MOST_PIXELS = 2.0  # rms of the corners: more is a board that moved, or another lens
 _LEAST_NOISE = 0.01  # px, on each axis: no detector is better
+_USUAL_NOISE = 0.05  # px, on each axis
 _EVIDENT = 30.0  # least difference of two poses' squared residuals, in variances of a corner
 
 
@@ -90,7 +91,10 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
         raise LightFieldError(
             f'{[*pictures][int(pixels.argmax())]}: the corners are {pixels.max():.1f} px off: did '
             'board and camera rest, and is the calibration of this camera and resolution?')
-    variance = max(squares[best] / (corners.size - 6), _LEAST_NOISE ** 2)
+    # Errors in units of an estimated noise are Student's: from few corners, larger than Gaussian.
+    # A few may fit by chance: two more residuals, as a good detector leaves them, count with them.
+    freedom = max(corners.size - 6, 3)
+    variance = max((squares[best] + 2 * _USUAL_NOISE ** 2) / (freedom - 2), _LEAST_NOISE ** 2)
     if any(np.linalg.norm(other[:3, :3] - camera[:3, :3]) > np.deg2rad(1)
            and square - squares[best] < _EVIDENT * variance
            for other, square in zip(poses, squares, strict=True)):

@@ -1,6 +1,7 @@
 """Cameras at rest that see one board at rest: against truth, its bound, and drawn pictures."""
 
 import re
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -36,10 +37,10 @@ def board_at(distance, *rpy):
 SEEN = {'left': board_at(0.5, 25, -15, 10), 'right': board_at(0.6, -20, 30, 170)}
 
 
-def corners(pose, pinhole, rng, count, hidden=0):
+def corners(pose, pinhole, rng, count, hidden=0, noise=NOISE):
     """By name, corners [px] of a board in so many pictures; hidden: of them, NaN, in each."""
     exact = pinhole.project(BOARD.points @ pose[:3, :3].T + pose[:3, 3])
-    pictures = {f'{number}.png': exact + rng.normal(0, NOISE, exact.shape)
+    pictures = {f'{number}.png': exact + rng.normal(0, noise, exact.shape)
                 for number in range(count)}
     for each in pictures.values() if hidden else ():
         each[rng.permutation(len(each))[:hidden]] = np.nan
@@ -63,6 +64,25 @@ def test_errors_are_those_that_are_told(name, count, hidden):
     assert low < total < high * 1.05
     free = 1 - 6 / (2 * (len(BOARD.points) - hidden) * count)  # the fit takes six of them
     assert np.mean(np.square(sizes)) == pytest.approx(2 * NOISE ** 2 * free, rel=0.02)
+
+
+@pytest.mark.parametrize(('shown', 'noise'), [(8, 0.06), (8, 0.3), (14, 0.03), (14, 0.3)])
+def test_few_corners_are_as_sure_as_they_are(shown, noise):
+    """Their noise is hardly told by them: where they fit by chance, the pose is not surer."""
+    trials, rng, squares = 400, np.random.default_rng(10), []
+    pinhole, truth = PINHOLES['left'], inverse(SEEN['left'])
+    for _ in range(trials):
+        seen = corners(SEEN['left'], pinhole, rng, 1, noise=noise)
+        order = rng.permutation(len(BOARD.points))
+        seen['0.png'][order[shown:]] = np.nan
+        with suppress(LightFieldError):  # a few fit as well tilted the other way
+            found = camera_at_board(seen, BOARD.points, pinhole)
+            off = local(found.camera[None], truth)[0]
+            squares.append(off @ np.linalg.solve(found.covariance, off))
+    assert len(squares) > 0.8 * trials
+    # Of 400, shares have a standard deviation of 0.015.
+    assert 0.85 < np.mean(np.array(squares) < stats.chi2.ppf(0.9, 6)) < 0.985
+    assert np.mean(np.array(squares) < stats.chi2.ppf(0.99, 6)) > 0.94
 
 
 def test_more_pictures_are_surer():
