@@ -12,8 +12,8 @@ from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.printed_board import (
     Board,
+    another_lens,
     as_it_lies,
-    clear_focal_error,
     reduction_for,
 )
 from pmcl_ros.lightfield.readers.pictures import Bits
@@ -51,12 +51,10 @@ class BoardNodeSettings(Settings):
 
 
 class CameraByBoard(NamedTuple):
-    """at: where the camera is. longer: the share by which the focal length is longer, or shorter
-    (negative), where the board fits best; 0 where that is not clear.
-    """
+    """at: where the camera is. lens: as of `another_lens`."""
 
     at: CameraAtBoard
-    longer: float
+    lens: str | None
 
 
 def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
@@ -76,5 +74,4 @@ def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
     if not boards:
         raise LightFieldError(f'{name} does not show the board {board.options}')
     at = camera_at_board(boards, points, pinhole, heights)
-    mismatch = clear_focal_error(boards, board, pinhole)
-    return CameraByBoard(at, 0 if mismatch is None else mismatch[0])
+    return CameraByBoard(at, another_lens(boards, board, pinhole))

@@ -97,11 +97,9 @@ class BoardNode(StageNode):
         with self.health.lock:
             self.health.done(time.monotonic() - came, f'corners {found.at.pixels[0]:.2f} px, '
                              f'errors {1e3 * position:.2f} mm, {np.rad2deg(rotation):.3f} degrees')
-            if found.longer:
-                self._warn(header, 'the board fits best with a focal length that is '
-                           f'{100 * abs(found.longer):.1f} % '
-                           f'{"longer" if found.longer > 0 else "shorter"}: is camera_info that '
-                           'of this camera, zoom and focus, and is the board flat?')
+            if found.lens is not None:
+                self._warn(header, f'the board fits best with {found.lens}: is camera_info that '
+                           'of this camera, resolution, zoom and focus?')
 
     def _warn(self, header: Header, message: str) -> None:
         self.health.warn(message)

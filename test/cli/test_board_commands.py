@@ -191,6 +191,21 @@ def test_another_zoom_is_told(placed, camera, tmp_path):
     assert re.search(told, done.stderr)
 
 
+def test_another_principal_point_is_told(boards, camera, tmp_path):
+    for number in range(3):
+        shutil.copy(boards / f'{number}.png', tmp_path)
+    options = '--corners', '10x7', '--square', 0.02
+    assert not pmcl('board-poses', tmp_path, '--camera', camera, *options).stderr.strip()
+    other = yaml.safe_load(camera.read_text())
+    other |= {'cx': other['cx'] + 40, 'cy': other['cy'] - 30}
+    (tmp_path / 'other.yaml').write_text(yaml.safe_dump(other))
+    done = pmcl('board-poses', tmp_path, '--camera', tmp_path / 'other.yaml', *options, '--force')
+    told = re.search(r'the boards fit best with a principal point that is \((-?\d+), (-?\d+)\) px '
+                     'aside', done.stderr)
+    assert told, done.stderr
+    assert [int(each) for each in told.groups()] == pytest.approx([-40, 30], abs=5)
+
+
 def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, camera, tmp_path):
     capture, pictures, _ = placed
     blank = cv2.imread(str(capture / '000.png'))

@@ -71,8 +71,9 @@ class Camera:
         if told:
             self.tell()
 
-    def tell(self, longer=1.0):
-        pinhole = replace(LENS.pinhole, fx=longer * LENS.pinhole.fx, fy=longer * LENS.pinhole.fy)
+    def tell(self, longer=1.0, aside=0.0):
+        pinhole = replace(LENS.pinhole, fx=longer * LENS.pinhole.fx, fy=longer * LENS.pinhole.fy,
+                          cx=LENS.pinhole.cx + aside)
         message = pinhole_to_message(Header(START, 'wrist_camera'), pinhole)
         message.d = [*LENS.distortion, 0.0]
         self.info.publish(message)
@@ -218,8 +219,14 @@ def test_what_cannot_be_used_is_refused(user):
         camera.shoot(picture, START + MS)
         user.wait(lambda: node.health.frames_out == 2, 'the next pose')
         assert node.health.level == DiagnosticStatus.WARN
-        assert re.match('the board fits best with a focal length that is .* % shorter: is camera_'
-                        'info that of this', node.health.message)
+        assert re.match('the board fits best with a focal length that is .* % shorter .*: is '
+                        'camera_info that of this', node.health.message)
+        camera.tell(aside=60)
+        camera.shoot(picture, START + 2 * MS)
+        user.wait(lambda: node.health.frames_out == 3, 'the last pose')
+        assert node.health.level == DiagnosticStatus.WARN
+        assert re.match(r'the board fits best with a principal point that is \(.*px aside',
+                        node.health.message)
 
 
 def test_an_image_waits_for_its_camera_info(user):

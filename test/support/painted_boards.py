@@ -57,3 +57,24 @@ def painted(picture, board, pose, pinhole):
 def picture_of_board(board, pose, pinhole):
     """(height, width) uint8: the board before grey."""
     return painted(np.full((pinhole.height, pinhole.width), 128, np.uint8), board, pose, pinhole)
+
+
+def picture_of_sheet(board, pose, pinhole, height):
+    """The same of a sheet that is bent: height gives z at places (n, 2) on the board [m]."""
+    per_metre = _SIZE / board.square
+    drawn = pinhole.resized(2 * pinhole.width, 2 * pinhole.height)
+    camera = np.linalg.inv(pose)[:3]
+    pixels = np.stack(np.meshgrid(np.arange(drawn.width), np.arange(drawn.height)), axis=-1)
+    rays = drawn.rays(pixels.reshape(-1, 2)) @ camera[:, :3].T
+    low, high = board.points[:, :2].min(axis=0), board.points[:, :2].max(axis=0)
+    z = np.zeros(len(rays))
+    for _ in range(6):  # until the ray is at the height of the sheet below it
+        places = camera[:2, 3] + rays[:, :2] * ((z - camera[2, 3]) / rays[:, 2])[:, None]
+        z = height(places.clip(2 * low - high, 2 * high - low))
+    on = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ on_page(board).T
+    x, y = (per_metre * on[:, :2].T - 0.5).astype(np.float32).reshape(2, *pixels.shape[:2])
+    flat = 40 + 180 / 255 * page(board, per_metre / 1e3).astype(np.float32)
+    seen = cv2.remap(flat, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
+                     borderValue=128)
+    return np.rint(cv2.resize(seen, (pinhole.width, pinhole.height),
+                              interpolation=cv2.INTER_AREA)).astype(np.uint8)

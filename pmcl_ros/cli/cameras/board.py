@@ -25,7 +25,7 @@ from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_
 from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import (
     Board,
-    clear_focal_error,
+    another_lens,
     reduction_for,
 )
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
@@ -46,7 +46,7 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 def board(corners: str | None, ring: str | None, square: float, out: Path, force: bool) -> None:
     """Draw a checkerboard, or a ring of markers, to print.
 
-    Print it at 100 %, measure its squares, and glue it on something flat.
+    Print it at 100 %, and measure its squares.
     """
     if out.suffix.lower() != '.svg':
         raise click.UsageError(f'-o {out}: give the name of an SVG, as board.svg')
@@ -66,7 +66,8 @@ def calibrate_camera(pictures: Path, corners: str | None, ring: str | None, squa
     """Calibrate an ordinary camera from a folder of PICTURES of a checkerboard, or of a ring.
 
     The pictures have one zoom and one focus, and show the board tilted by 20 to 40 degrees,
-    another way in each, near the borders too. Pictures without the board are named and left out.
+    another way in each, near the borders too. It may be bent, in all pictures alike. Pictures
+    without the board are named and left out.
     """
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.UsageError(f'-o {out}: give the name of a camera YAML, as camera.yaml')
@@ -83,6 +84,7 @@ def calibrate_camera(pictures: Path, corners: str | None, ring: str | None, squa
         click.echo(f'{name}: {value:.5g} (standard deviation {sigma:.2g})')
     for name, pixels in zip(found.names, found.pixels, strict=True):
         click.echo(f'{name}: corners {pixels:.2f} px')
+    click.echo(_bend(found.board))
     for name in found.left_out:
         click.echo(f'{name}: left out, it does not fit the others: another zoom or focus?',
                    err=True)
@@ -102,10 +104,10 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
                 square: float, force: bool) -> None:
     """Write views.yaml into a folder of PICTURES: camera poses by a printed board in view.
 
-    Object and board rest. The poses are in the frame of the board, with their errors: of a
-    checkerboard z points into the table, of a ring out of it. Pictures without the complete
-    checkerboard, or with little of the ring, are named and left out. Of a views.yaml that is there
-    (--force) what it says beside, as masks, is kept.
+    Object and board rest; the board may be bent. The poses are in the frame of the board, with
+    their errors: of a checkerboard z points into the table, of a ring out of it. Pictures without
+    the complete checkerboard, or with little of the ring, are named and left out. Of a views.yaml
+    that is there (--force) what it says beside, as masks, is kept.
     """
     path = pictures / posed_views.NAME
     refuse_existing([path], force)
@@ -137,12 +139,11 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
         raise LightFieldError(
             f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
             'pictures: are these its numbers, and is it in view?')
+    click.echo(_bend(points))
     used = {str(each['file']): agreeing[str(each['file'])] for each in views}
-    if (mismatch := clear_focal_error(used, printed, pinhole)) is not None:
-        off, sigma = mismatch
-        click.echo(f'the boards fit best with a focal length that is {100 * abs(off):.0f} % '
-                   f'{"longer" if off > 0 else "shorter"} (standard deviation '
-                   f'{100 * sigma:.1f}): are zoom and focus those of the calibration?', err=True)
+    if (lens := another_lens(used, printed, pinhole)) is not None:
+        click.echo(f'the boards fit best with {lens}: is the calibration of this camera, '
+                   'resolution, zoom and focus?', err=True)
     write_file(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
            + yaml.safe_dump(with_kept(
                {'reference': listed.reference, 'cameras': cameras, 'views': views}, earlier),
@@ -150,6 +151,10 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     if isinstance(printed, CharucoRing):
         click.echo('what stands in the ring: --roi '
                    f'{" ".join(f"{each:g}" for each in printed.region)} --up 0 0 1 --tilt 0 20')
+
+
+def _bend(points: NDArray[np.float64]) -> str:
+    return f'corners of the board are up to {1e3 * np.abs(points[:, 2]).max():.2f} mm off a plane'
 
 
 def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.float64]

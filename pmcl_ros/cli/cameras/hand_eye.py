@@ -24,7 +24,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
-from pmcl_ros.lightfield.calibration.printed_board import Board
+from pmcl_ros.lightfield.calibration.printed_board import Board, another_lens
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
@@ -207,8 +207,12 @@ def cameras_at_board(source: Path, board: Board, shrink: int = 1
                 'these its numbers, and is it in view?')
         try:
             found[name] = camera_at_board(agreeing, points, pinhole, heights)
+            lens = another_lens(agreeing, board, pinhole)
         except LightFieldError as error:
             raise LightFieldError(f'{path}: {name}: {error}') from None
+        if lens is not None:
+            click.echo(f'{name}: the board fits best with {lens}: is the calibration of this '
+                       'camera, resolution, zoom and focus?', err=True)
     return of.reference if 'reference' in of.model_fields_set else 'board', found
 
 

@@ -12,11 +12,13 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.sheet_pose import sheet_pose
 
 _DEGREE = 4  # of the polynomial: paper that is curled at one edge, or at a corner
-_BEND, _BEND_FREEDOM = 3e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
+_BEND, _BEND_FREEDOM = 1e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
+_LARGE_BEND = 1e-3  # m
 _FREEDOM = 3.0  # of the corners' errors, Student's t: some are much larger, as behind glass
 _LEAST_NOISE = 0.03  # px, on each axis: no detector is better
 _STEPS, _HALVINGS = 60, 8
-_DONE = 1e-4  # of the logarithm of the likelihood, for each corner
+_DONE = 1e-6  # of the logarithm of the likelihood, for each corner
+USUAL_ASIDE = 0.005  # error of a principal point, in focal lengths
 _CAMERA = 8  # fx, fy, cx, cy [px], k1, k2, p1, p2
 _BY_POSE, _BY_CAMERA = slice(0, 6), slice(6, 14)  # columns of OpenCV's derivatives
 _BY_PLACE = slice(3, 6)
@@ -47,7 +49,8 @@ def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
     Raises LightFieldError for corners that are those of no board.
     """
     camera = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0]
-    return _adjusted(pictures, flat, np.array(camera, float), np.zeros((_CAMERA, 0)))
+    return _adjusted(pictures, flat, np.array(camera, float), np.zeros((_CAMERA, 0)),
+                     np.zeros(0))
 
 
 def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
@@ -56,71 +59,76 @@ def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[
 
     Raises numpy.linalg.LinAlgError where the pictures do not tell the camera.
     """
-    return _adjusted(pictures, flat, camera, np.eye(_CAMERA))
+    return _adjusted(pictures, flat, camera, np.eye(_CAMERA), np.zeros(_CAMERA))
 
 
-def bent_with_focal_length(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
-                           pinhole: Pinhole) -> BentBoard:
-    """As `bent`, and the focal length; the covariance is that of the share by which it differs."""
+def bent_with_lens(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
+                   pinhole: Pinhole) -> BentBoard:
+    """As `bent`, and focal length and principal point, which is usually nearly that of pinhole.
+
+    The covariance (3, 3) is that of the share by which the focal length differs, and of cx, cy.
+    """
     camera = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0])
-    return _adjusted(pictures, flat, camera, np.diag(camera)[:, :2].sum(axis=1)[:, None])
+    onto = np.zeros((_CAMERA, 3))
+    onto[[0, 1], 0], onto[2, 1], onto[3, 2] = camera[:2], 1, 1
+    aside = 1 / (USUAL_ASIDE * pinhole.fx) ** 2
+    return _adjusted(pictures, flat, camera, onto, np.array([0, aside, aside]))
 
 
 class _Values(NamedTuple):
     """shared: (q + k,) what is unknown of the camera, and heights of the bend's terms [m]. poses:
-    (n, 6) of the pictures: rotation vectors, and origins [m].
+    (n, 6) of the pictures: rotation vectors, and origins [m]. variance: square of the scale of the
+    corners' errors [px^2].
     """
 
     shared: NDArray[np.float64]
     poses: NDArray[np.float64]
+    variance: float
+
+    def moved(self, step: '_Values', share: float) -> '_Values':
+        """By a share of a step, with the same variance."""
+        return self._replace(shared=self.shared + share * step.shared,
+                             poses=self.poses + share * step.poses)
 
 
 def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
-              camera: NDArray[np.float64], onto: NDArray[np.float64]) -> BentBoard:
+              camera: NDArray[np.float64], onto: NDArray[np.float64],
+              prior: NDArray[np.float64]) -> BentBoard:
     """Poses, bend, and what is unknown of the camera, adjusted together.
 
-    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown.
-    A bundle adjustment by Gauss-Newton steps. The scale of the corners' errors is estimated, too
-    (expectation maximisation).
+    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown. prior: (q,)
+    inverse variances of that.
+    A sheet that seems flat but for corners that are wrong may be bent instead: two beginnings.
     """
-    bundle = _Bundle(pictures, flat, camera, onto)
-    values = bundle.start()
-    variance = bundle.variance(values, np.inf)
-    cost = bundle.cost(values, variance)
-    for _ in range(_STEPS):
-        step, _ = bundle.step(values, variance)
-        for halving in range(_HALVINGS):
-            ahead = _Values(values.shared + 0.5 ** halving * step.shared,
-                            values.poses + 0.5 ** halving * step.poses)
-            if bundle.cost(ahead, variance) < cost:
-                values = ahead
-                break
-        variance = bundle.variance(values, variance)
-        before, cost = cost, bundle.cost(values, variance)
-        if before - cost < _DONE * bundle.count:
-            break
-    _, information = bundle.step(values, variance)
-    every = bundle.spread(values, variance) * np.asarray(np.linalg.inv(information), float)
+    bundle = _Bundle(pictures, flat, camera, onto, prior)
+    begun = bundle.start()
+    each = [bundle.adjusted(start, _BEND)
+            for start in (begun, bundle.adjusted(begun, _LARGE_BEND))]
+    found = min(each, key=lambda values: bundle.cost(values, _BEND))
+    _, information = bundle.step(found, _BEND)
+    every = bundle.spread(found) * np.asarray(np.linalg.inv(information), float)
     unknown = onto.shape[1]
-    pixels = [np.sqrt(np.square(each).sum(axis=1).mean()) for each in bundle.off(values)]
+    pixels = [np.sqrt(np.square(each).sum(axis=1).mean()) for each in bundle.off(found)]
     heights = bundle.terms @ np.linalg.cholesky(every[unknown:, unknown:])
-    return BentBoard(bundle.points(values), heights, bundle.camera(values),
+    return BentBoard(bundle.points(found), heights, bundle.camera(found),
                      every[:unknown, :unknown], np.array(pixels))
 
 
 class _Bundle:
     """Pictures, by name (m, 2) [px], of a board that is (m, 3) while it is flat [m].
 
-    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown.
+    camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown. prior: (q,)
+    inverse variances of that.
     """
 
     def __init__(self, pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
-                 camera: NDArray[np.float64], onto: NDArray[np.float64]) -> None:
+                 camera: NDArray[np.float64], onto: NDArray[np.float64],
+                 prior: NDArray[np.float64]) -> None:
         self._shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
         self._corners = [each[own]
                          for each, own in zip(pictures.values(), self._shown, strict=True)]
         self._flat, self.terms = flat, _terms(flat[:, :2])
-        self._camera, self._onto = camera, onto
+        self._camera, self._onto, self._prior = camera, onto, prior
         self._unknown = onto.shape[1]
         self.count = sum(map(len, self._corners))
 
@@ -130,7 +138,28 @@ class _Bundle:
         for corners, own in zip(self._corners, self._shown, strict=True):
             pose = sheet_pose(self._flat[own], corners, _matrix(self._camera), self._camera[4:])
             poses.append(np.concatenate(pose))
-        return _Values(np.zeros(self._unknown + self.terms.shape[1]), np.array(poses))
+        return self._with_variance(_Values(
+            np.zeros(self._unknown + self.terms.shape[1]), np.array(poses), np.inf))
+
+    def adjusted(self, values: _Values, size: float) -> _Values:
+        """The most likely values nearby, of bends whose terms have a size [m].
+
+        A bundle adjustment by Gauss-Newton steps; the scale of the corners' errors is estimated,
+        too (expectation maximisation).
+        """
+        cost = self.cost(values, size)
+        for _ in range(_STEPS):
+            step, _ = self.step(values, size)
+            for halving in range(_HALVINGS):
+                ahead = values.moved(step, 0.5 ** halving)
+                if self.cost(ahead, size) < cost:
+                    values = ahead
+                    break
+            values = self._with_variance(values)
+            before, cost = cost, self.cost(values, size)
+            if before - cost < _DONE * self.count:
+                break
+        return values
 
     def camera(self, values: _Values) -> NDArray[np.float64]:
         """(8,)."""
@@ -144,38 +173,42 @@ class _Bundle:
         """(m, 2) of each picture, seen less expected [px]."""
         return [off for off, _, _ in self._views(values)]
 
-    def cost(self, values: _Values, variance: float) -> float:
+    def cost(self, values: _Values, size: float) -> float:
         """Negative logarithm of the likelihood and of the prior, without what is constant."""
-        bend = np.square(values.shared[self._unknown:] / _BEND)
+        bend = np.square(values.shared[self._unknown:] / size)
+        off = self._squares(values) / values.variance
         return float(
-            (_FREEDOM + 2) / 2 * np.log1p(self._squares(values) / variance / _FREEDOM).sum()
-            + self.count * np.log(variance)
+            self._prior @ np.square(values.shared[:self._unknown]) / 2
+            + (_FREEDOM + 2) / 2 * np.log1p(off / _FREEDOM).sum()
+            + self.count * np.log(values.variance)
             + (_BEND_FREEDOM + 1) / 2 * np.log1p(bend / _BEND_FREEDOM).sum())
 
-    def variance(self, values: _Values, before: float) -> float:
-        """Square of the scale of the corners' errors [px^2], by the one before."""
+    def _with_variance(self, values: _Values) -> _Values:
+        """The same with the variance that these weights give."""
         squares = self._squares(values)
-        unknown = values.poses.size + len(values.shared)
-        return max(float((_weights(squares / before) * squares).sum())
-                   / max(2 * self.count - unknown, 1), _LEAST_NOISE ** 2)
+        mean = (_weights(squares / values.variance) * squares).sum() / self._free(values)
+        return values._replace(variance=max(float(mean), _LEAST_NOISE ** 2))
 
-    def spread(self, values: _Values, variance: float) -> float:
+    def _free(self, values: _Values) -> int:
+        """Numbers of the corners more than those that are adjusted, at least 1."""
+        return max(2 * self.count - values.poses.size - len(values.shared), 1)
+
+    def spread(self, values: _Values) -> float:
         """By what the inverse of the information is multiplied to be the covariance.
 
         That of an M-estimator (Huber, "Robust Statistics", 1981, section 7.6).
         """
-        squares = self._squares(values) / variance
+        squares = self._squares(values) / values.variance
         weights = _weights(squares)
-        pull = (np.square(weights) * squares).sum()
+        pull = (np.square(weights) * squares).sum() / self._free(values)
         slope = (weights * _FREEDOM / (_FREEDOM + squares)).mean()
-        unknown = values.poses.size + len(values.shared)
-        return float(pull / max(2 * self.count - unknown, 1) / slope ** 2 * weights.mean())
+        return float(pull / slope ** 2 * weights.mean())
 
-    def step(self, values: _Values, variance: float) -> tuple[_Values, NDArray[np.float64]]:
+    def step(self, values: _Values, size: float) -> tuple[_Values, NDArray[np.float64]]:
         """The Gauss-Newton step, and the information on what is shared, whatever the poses are."""
-        bend, prior = values.shared[self._unknown:], np.zeros(len(values.shared))
-        prior[self._unknown:] = ((_BEND_FREEDOM + 1) / (_BEND_FREEDOM + np.square(bend / _BEND))
-                                 / _BEND ** 2)
+        bend, variance = np.square(values.shared[self._unknown:] / size), values.variance
+        prior = np.concatenate([
+            self._prior, (_BEND_FREEDOM + 1) / (_BEND_FREEDOM + bend) / size ** 2])
         information, slope, views = np.diag(prior), -prior * values.shared, []
         for off, by_pose, by_shared in self._views(values):
             root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
@@ -189,7 +222,7 @@ class _Bundle:
         step = size * np.linalg.solve(information * np.outer(size, size), size * slope)
         poses = [np.linalg.solve(triangle, left - shared @ step)
                  for left, shared, triangle in views]
-        return _Values(step, np.array(poses)), information
+        return _Values(step, np.array(poses), variance), information
 
     def _squares(self, values: _Values) -> NDArray[np.float64]:
         """(count,) of all corners [px^2]."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.bent_board import (
     bent_with_camera,
-    bent_with_focal_length,
+    bent_with_lens,
 )
 from pmcl_ros.lightfield.calibration.two_zooms import two_zooms
 from pmcl_ros.runtime.errors import LightFieldError
@@ -109,19 +110,31 @@ def _told(names: tuple[str, ...]) -> str:
     return ', '.join(names[:8]) + ', ...' * (len(names) > 8)
 
 
-def focal_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
-                pinhole: Pinhole) -> tuple[float, float]:
-    """By which share the focal length is longer where boards fit best, and its deviation.
+class LensError(NamedTuple):
+    """longer: the share by which the focal length is longer where boards fit best. aside: (2,) by
+    what the principal point is aside [px]. sigma: (3,) standard deviations, by the corners alone.
+    """
 
-    pictures: by name, (m, 2) corners of a board that a camera of this pinhole sees [px], NaN: not
-    seen. board: (m, 3) its corners [m]. The standard deviation is that by the corners alone.
+    longer: float
+    aside: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+
+
+def lens_error(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
+               pinhole: Pinhole) -> LensError:
+    """How a camera differs from a pinhole, by boards that it sees.
+
+    pictures: by name, (m, 2) corners of a board [px], NaN: not seen. board: (m, 3) its corners
+    [m], z = 0.
     Raises LightFieldError where the corners are those of no board.
     """
     try:
-        found = bent_with_focal_length(pictures, board, pinhole)
+        found = bent_with_lens(pictures, board, pinhole)
     except np.linalg.LinAlgError as error:
         raise _no_board(error) from None
-    return float(found.camera[0] / pinhole.fx) - 1, float(np.sqrt(found.covariance[0, 0]))
+    return LensError(float(found.camera[0] / pinhole.fx) - 1,
+                     found.camera[2:4] - [pinhole.cx, pinhole.cy],
+                     np.sqrt(np.diag(found.covariance)))
 
 
 def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64], width: int,

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.bent_board import bent
+from pmcl_ros.lightfield.calibration.bent_board import USUAL_ASIDE, bent
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
-from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, focal_error
+from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, lens_error
 from pmcl_ros.lightfield.readers.pictures import Reduction
 
 Board = Checkerboard | CharucoRing
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
-_CLEAR = 3.0  # standard deviations of the focal length, with that of a calibration
+_CLEAR = 3.0  # standard deviations of what pictures tell, with that of a calibration
 
 
 def reduction_for(width: int, height: int) -> Reduction:
@@ -53,8 +53,20 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
         if (each := board.agreeing(seen, pinhole, found.points)) is not None})
 
 
-def clear_focal_error(pictures: Mapping[str, NDArray[np.float64]], board: Board, pinhole: Pinhole
-                      ) -> tuple[float, float] | None:
-    """What `focal_error` says of pictures of a board, by name, where that is clear, else None."""
-    off, sigma = focal_error(pictures, board.points, pinhole)
-    return (off, sigma) if abs(off) > _CLEAR * math.hypot(sigma, LARGEST_ERROR) else None
+def another_lens(pictures: Mapping[str, NDArray[np.float64]], board: Board, pinhole: Pinhole
+                 ) -> str | None:
+    """The lens by which pictures of a board, by name, fit best, where it clearly is another one.
+
+    pictures: as of `as_it_lies`.
+    """
+    found = lens_error(pictures, board.points, pinhole)
+    told = []
+    if abs(found.longer) > _CLEAR * math.hypot(found.sigma[0], LARGEST_ERROR):
+        told.append(f'a focal length that is {100 * abs(found.longer):.0f} % '
+                    f'{"longer" if found.longer > 0 else "shorter"} (standard deviation '
+                    f'{100 * found.sigma[0]:.1f})')
+    usual = USUAL_ASIDE * pinhole.fx
+    if (np.abs(found.aside) > _CLEAR * np.hypot(found.sigma[1:], usual)).any():
+        told.append(f'a principal point that is ({found.aside[0]:.0f}, {found.aside[1]:.0f}) px '
+                    f'aside (standard deviations {found.sigma[1]:.0f} and {found.sigma[2]:.0f})')
+    return ' and '.join(told) or None

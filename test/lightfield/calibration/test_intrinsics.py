@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics, focal_error
+from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics, lens_error
 from pmcl_ros.runtime.errors import LightFieldError
 
 BOARD = Checkerboard(10, 7, 0.02)
@@ -154,13 +154,15 @@ def test_a_focal_length_is_checked(count):
     rng, undistorted, found = np.random.default_rng(6), TRUTH * [1, 1, 1, 1, 0, 0, 0, 0], []
     for _ in range(60):
         pictures = seen(rng, count, values=undistorted)
-        errors, sigmas = zip(*(focal_error(pictures, BOARD.points, Pinhole(
-            *SIZE, fx * zoom, fy * zoom, cx, cy)) for zoom in (1.0, 0.8)), strict=True)
-        assert errors[1] == pytest.approx((1 + errors[0]) / 0.8 - 1, abs=1e-3)
-        assert sigmas[1] == pytest.approx(sigmas[0] / 0.8, rel=1e-2)
-        found.append(errors[0] / sigmas[0])
-    # Means of 60 squares have a standard deviation of 0.18.
-    assert np.square(found).mean() == pytest.approx(1, abs=0.6)
+        right, zoomed = (lens_error(pictures, BOARD.points, Pinhole(
+            *SIZE, fx * zoom, fy * zoom, cx, cy)) for zoom in (1.0, 0.8))
+        found.append([[each.longer - (1 / zoom - 1), *each.aside] / each.sigma
+                      for each, zoom in ((right, 1.0), (zoomed, 0.8))])
+    # Means of 60 squares have a standard deviation of 0.18. This board is flat and the middle is
+    # exact, which is not known: with one picture the errors are less than is told.
+    squares = np.square(found).mean(axis=0)
+    assert squares.max() < 1.6
+    assert count == 1 or squares[:, 0].min() > 0.4
 
 
 def test_a_focal_length_is_checked_in_a_part_of_a_picture_without_its_middle():
@@ -168,8 +170,9 @@ def test_a_focal_length_is_checked_in_a_part_of_a_picture_without_its_middle():
     pictures = seen(np.random.default_rng(7), 3, values=TRUTH * [1, 1, 1, 1, 0, 0, 0, 0])
     whole = Pinhole(*SIZE, fx, fy, cx, cy)
     part = {name: corners - [400, 300] for name, corners in pictures.items()}
-    assert focal_error(part, BOARD.points, whole.crop(400, 300, 240, 180)) == pytest.approx(
-        focal_error(pictures, BOARD.points, whole), rel=1e-2, abs=1e-5)
+    for own, same in zip(lens_error(part, BOARD.points, whole.crop(400, 300, 240, 180)),
+                         lens_error(pictures, BOARD.points, whole), strict=True):
+        assert own == pytest.approx(same, rel=1e-2, abs=1e-5)
 
 
 def test_few_pictures_and_corners_of_no_board_are_refused():

@@ -1,0 +1,174 @@
+"""Boards on paper that is bent, seen in pictures while they rest: against truth."""
+
+import numpy as np
+import pytest
+from painted_boards import picture_of_sheet
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, pose_of
+from pmcl_ros.lightfield.calibration.bent_board import bent
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
+from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
+from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
+
+BOARD = Checkerboard(10, 7, 0.025)
+MIDDLE = BOARD.points.mean(axis=0)
+PINHOLE = Pinhole(1280, 960, 1200, 1200, 645, 475)
+NOISE = 0.15  # px
+TOP = 3e-3  # m
+
+
+def curled(places):
+    """Along a slanted line, away from the middle."""
+    return TOP * np.square(((places - MIDDLE[:2]) @ [0.8, 0.6]) / 0.13)
+
+
+def one_edge(places):
+    return TOP * np.square(np.maximum((places - MIDDLE[:2]) @ [1, 0] / 0.1125 - 0.2, 0) / 0.8)
+
+
+def one_corner(places):
+    x, y = ((places - MIDDLE[:2]) / [0.1125, 0.075]).T
+    return TOP * np.square(np.maximum((x + y) / 2 - 0.2, 0) / 0.8)
+
+
+def flat(places):
+    return np.zeros(len(places))
+
+
+BENDS = [curled, one_edge, one_corner]
+
+
+def sheet(height):
+    points = BOARD.points.copy()
+    points[:, 2] = height(points[:, :2])
+    return points
+
+
+def views(rng, count, distance=0.45):
+    """(count, 4, 4) board to cameras, which look at its middle around it."""
+    found = []
+    for number in range(count):
+        turn = (Rotation.from_euler('z', rng.uniform(-180, 180), degrees=True)
+                * Rotation.from_euler('x', rng.uniform(25, 55), degrees=True)
+                * Rotation.from_euler('z', 360 / count * (number + rng.uniform(0, 0.5)),
+                                      degrees=True))
+        found.append(pose_of(turn, [0, 0, distance] - turn.apply(MIDDLE)))
+    return np.array(found)
+
+
+def seen(rng, poses, points, noise=NOISE):
+    return {f'{number}.png': PINHOLE.project(points @ pose[:3, :3].T + pose[:3, 3])
+            + rng.normal(0, noise, (len(points), 2)) for number, pose in enumerate(poses)}
+
+
+def off_plane(points):
+    """z (m,) from the plane through the points."""
+    plane = np.c_[points[:, :2], np.ones(len(points))]
+    return points[:, 2] - plane @ np.linalg.lstsq(plane, points[:, 2], rcond=None)[0]
+
+
+def misfit(poses, cameras):
+    """Largest distance [px] of the pictures of a place above the board from one place."""
+    place, rows, pixels = MIDDLE + np.array([0, 0, 0.06]), [], []
+    for pose, camera in zip(poses, cameras, strict=True):
+        x, y = PINHOLE.project(pose[:3, :3] @ place + pose[:3, 3])
+        sees = PINHOLE.matrix @ inverse(camera)[:3]
+        rows += [x * sees[2] - sees[0], y * sees[2] - sees[1]]
+        pixels.append([x, y])
+    found = np.linalg.svd(np.array(rows))[2][-1]
+    back = inverse(np.array(cameras))
+    again = PINHOLE.project(back[:, :3, :3] @ (found[:3] / found[3]) + back[:, :3, 3])
+    return float(np.linalg.norm(again - pixels, axis=1).max())
+
+
+@pytest.mark.parametrize('height', [flat, *BENDS])
+@pytest.mark.parametrize('count', [2, 4])
+def test_the_bend_is_found(height, count):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        found = bent(seen(rng, views(rng, count), sheet(height)), BOARD.points, PINHOLE)
+        assert off_plane(found.points) == pytest.approx(found.points[:, 2], abs=1e-12)
+        assert found.points[:, 2] == pytest.approx(off_plane(sheet(height)), abs=0.25e-3)
+        assert found.pixels == pytest.approx(np.full(count, NOISE * np.sqrt(2)), rel=0.25)
+
+
+def test_a_bend_is_as_exact_as_is_told():
+    squares = []
+    for seed in range(30):
+        rng = np.random.default_rng(100 + seed)
+        found = bent(seen(rng, views(rng, 4), sheet(curled)), BOARD.points, PINHOLE)
+        off = found.points[:, 2] - off_plane(sheet(curled))
+        squares.append(np.square(off) / np.square(found.heights).sum(axis=1))
+    assert 0.5 < np.mean(squares) < 1.3  # the prior, of flat sheets, is not that of this one
+
+
+@pytest.mark.parametrize('height', BENDS)
+def test_cameras_agree_on_what_stands_on_a_sheet_that_is_bent(height):
+    by_flat, by_bent = [], []
+    for seed in range(5):
+        rng = np.random.default_rng(200 + seed)
+        poses = views(rng, 3)
+        pictures = seen(rng, poses, sheet(height))
+        wrong = rng.permutation(len(BOARD.points))[:10]  # as behind glass, elsewhere in each
+        pictures['1.png'][wrong] += rng.uniform(2, 8, (10, 2))
+        for points, each in ((BOARD.points, by_flat),
+                             (bent(pictures, BOARD.points, PINHOLE).points, by_bent)):
+            right = {name: corners for name, corners in pictures.items() if name != '1.png'}
+            right['1.png'] = np.where(np.isin(np.arange(70), wrong)[:, None], np.nan,
+                                      pictures['1.png'])
+            each.append(misfit(poses[[0, 2, 1]], [
+                camera_at_board({name: corners}, points, PINHOLE).camera
+                for name, corners in right.items()]))
+    assert max(by_bent) < 0.5
+    assert np.median(by_bent) < 0.2
+    assert np.median(by_flat) > 4 * np.median(by_bent)
+
+
+def test_errors_of_cameras_have_those_of_the_bend():
+    """In a single picture of a sheet that may be bent."""
+    squares = {'flat': [], 'bent': []}
+    for seed in range(40):
+        rng = np.random.default_rng(300 + seed)
+        poses = views(rng, 2)
+        pictures = seen(rng, poses, BOARD.points)
+        errors = []
+        for name, corners in pictures.items():
+            found = as_it_lies(BOARD, {name: corners}, PINHOLE)
+            at = camera_at_board(found.pictures, found.points, PINHOLE, found.heights)
+            exact = camera_at_board(found.pictures, found.points, PINHOLE)
+            more = at.covariance - exact.covariance
+            assert np.linalg.eigvalsh(more).min() > -1e-9 * np.abs(more).max()
+            errors.append((exact, at))
+        for key, number in (('flat', 0), ('bent', 1)):
+            for pose, each in zip(poses, errors, strict=True):
+                off = (each[number].camera @ pose)[:3, 3]
+                squares[key].append(np.square(off).sum() / 3
+                                    / each[number].sigma_beside(BOARD.points)[0] ** 2)
+    assert np.mean(squares['bent']) < 1.3
+    assert np.mean(squares['bent']) < np.mean(squares['flat'])
+
+
+@pytest.mark.parametrize('height', [flat, *BENDS])
+def test_a_camera_is_calibrated_by_a_sheet_that_is_bent(height):
+    rng = np.random.default_rng(4)
+    poses = views(rng, 12, 0.4)
+    found = fit_intrinsics(seen(rng, poses, sheet(height)), BOARD.points, 1280, 960)
+    assert found.left_out == ()
+    exact = np.array([1200, 1200, 645, 475, 0, 0, 0, 0])
+    assert np.abs((found.camera - exact) / found.sigma).max() < 4
+    assert found.sigma[:4] == pytest.approx(np.zeros(4), abs=2.5)
+    assert found.pixels.max() < 0.3
+    assert found.board[:, 2] == pytest.approx(off_plane(sheet(height)), abs=0.1e-3)
+
+
+def test_in_pictures():
+    rng = np.random.default_rng(5)
+    small = Pinhole(640, 480, 600, 600, 322, 238)
+    poses = views(rng, 2, 0.5)
+    found = as_it_lies(BOARD, {
+        str(number): BOARD.seen(picture_of_sheet(BOARD, pose, small, curled))
+        for number, pose in enumerate(poses)}, small)
+    assert found.points[:, 2] == pytest.approx(off_plane(sheet(curled)), abs=0.1e-3)
