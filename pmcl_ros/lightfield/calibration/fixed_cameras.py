@@ -3,21 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import inverse, pose_of, retract
+from pmcl_ros.geometry.se3 import inverse, retract
+from pmcl_ros.lightfield.calibration.planar_poses import planar_poses
 from pmcl_ros.runtime.errors import LightFieldError
 
-_FLAT = np.array([1.0, 1.0, 0.0])
 _STEP = 1e-6  # m, rad: of derivatives
 _MOST_PIXELS = 2.0  # rms of the corners: more is a board that moved, or another lens
 _LEAST_NOISE = 0.01  # px, on each axis: no detector is better
 _USUAL_NOISE = 0.05  # px, on each axis
-_EVIDENT = 30.0  # least difference of two poses' squared residuals, in variances of a corner
 
 
 @dataclass(frozen=True)
@@ -63,15 +60,7 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
     seen = np.array([*pictures.values()])
     shown = np.isfinite(seen).all(axis=2)
     corners, points = seen[shown], np.tile(board, (len(seen), 1, 1))[shown]
-    _, turns, places, _ = cv2.solvePnPGeneric(points * _FLAT, corners, pinhole.matrix, np.zeros(4),
-                                              flags=cv2.SOLVEPNP_IPPE)
-    poses = []
-    for each in zip(turns, places, strict=True):
-        if not np.isfinite(each).all():
-            continue
-        turn, place = cv2.solvePnPRefineLM(points, corners, pinhole.matrix, np.zeros(4), *each)
-        poses.append(inverse(pose_of(Rotation.from_rotvec(turn.ravel()),
-                                     place.ravel().astype(float))))
+    poses, squares = planar_poses(points, corners, pinhole)
     if not poses:
         raise LightFieldError(f'{", ".join(pictures)}: the corners that are seen are nearly on '
                               'one line: show more of the board')
@@ -83,24 +72,21 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
         off = pinhole.project(there @ back[:3, :3].T + back[:3, 3]) - seen
         return np.where(shown[..., None], off, 0)
 
-    squares = [float(np.square(residuals(each)).sum()) for each in poses]
-    best = int(np.argmin(squares))
-    camera, left = poses[best], residuals(poses[best])
+    camera = inverse(poses[0])
+    left = residuals(camera)
     pixels = np.sqrt(np.square(left).sum(axis=(1, 2)) / shown.sum(axis=1))
     if not pixels.max() < _MOST_PIXELS:
         raise LightFieldError(
             f'{[*pictures][int(pixels.argmax())]}: the corners are {pixels.max():.1f} px off: did '
             'board and camera rest, and is the calibration of this camera and resolution?')
-    # Errors in units of an estimated noise are Student's: from few corners, larger than Gaussian.
-    # A few may fit by chance: two more residuals, as a good detector leaves them, count with them.
-    freedom = max(corners.size - 6, 3)
-    variance = max((squares[best] + 2 * _USUAL_NOISE ** 2) / (freedom - 2), _LEAST_NOISE ** 2)
-    if any(np.linalg.norm(other[:3, :3] - camera[:3, :3]) > np.deg2rad(1)
-           and square - squares[best] < _EVIDENT * variance
-           for other, square in zip(poses, squares, strict=True)):
+    if len(poses) > 1:
         raise LightFieldError(
             f'{", ".join(pictures)}: the board fits nearly as well tilted the other way: tilt it, '
             'or bring it nearer')
+    # Errors in units of an estimated noise are Student's: from few corners, larger than Gaussian.
+    # A few may fit by chance: two more residuals, as a good detector leaves them, count with them.
+    freedom = max(corners.size - 6, 3)
+    variance = max((squares[0] + 2 * _USUAL_NOISE ** 2) / (freedom - 2), _LEAST_NOISE ** 2)
     ahead, behind = (retract(camera, way * _STEP * np.eye(6)) for way in (1, -1))
     slopes = np.stack([(residuals(one) - residuals(other)).ravel() / (2 * _STEP)
                        for one, other in zip(ahead, behind, strict=True)], axis=1)

@@ -8,7 +8,6 @@ of Park and Martin (1994) is where the fit starts.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -16,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, chdtri, fdtrc
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract
+from pmcl_ros.geometry.se3 import inverse, local, retract
+from pmcl_ros.lightfield.calibration.planar_poses import planar_poses
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -35,7 +35,7 @@ _OTHERWISE = (
     'for it?')
 _ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
-_BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # what `_board_pose` gives
+_BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # of `_board_poses`
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,9 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
         check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
     _check(pictures, ())
     try:
-        return _agreed([*pictures], [_board_pose(each, board, pinhole) for each in pictures],
-                       sigma, fixed_camera)
+        boards = [_board_poses(each, board, pinhole) for each in pictures]
+        return _agreed([*pictures], _resolved(pictures, boards, sigma, fixed_camera), sigma,
+                       fixed_camera)
     except np.linalg.LinAlgError:
         raise LightFieldError("no camera fits the boards and the arm's poses: the equations are "
                               'singular; take pictures with other turns of the arm') from None
@@ -172,22 +173,42 @@ def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
             'it by 30 degrees and more about two')
 
 
-def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole) -> _BoardPose:
-    """Board to camera (4, 4); derivatives (2 k, 6) of corners seen by `retract`; rms [px]."""
+def _board_poses(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole
+                 ) -> list[_BoardPose]:
+    """Board to camera (4, 4); derivatives (2 k, 6) of corners seen by `retract`; rms [px].
+
+    Two, where the board fits nearly as well tilted the other way.
+    """
     shown = np.isfinite(picture.corners[:, 0])
-    board, corners, still = board[shown], picture.corners[shown], np.zeros(4)
-    _, turn, place = cv2.solvePnP(board, corners, pinhole.matrix, still, flags=cv2.SOLVEPNP_IPPE)
-    turn, place = cv2.solvePnPRefineLM(board, corners, pinhole.matrix, still, turn, place)
-    pose = pose_of(Rotation.from_rotvec(turn.ravel()), place.ravel().astype(float))
+    board, corners = board[shown], picture.corners[shown]
 
     def project(each: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(pinhole.project(board @ each[:3, :3].T + each[:3, 3]))
 
-    ahead, behind = (retract(pose[None], way * _STEP * np.eye(6)) for way in (1, -1))
-    slopes = np.stack([(project(one) - project(other)).ravel() / (2 * _STEP)
-                       for one, other in zip(ahead, behind, strict=True)], axis=1)
-    off = project(pose) - corners
-    return pose, slopes, float(np.sqrt(np.square(off).sum(axis=1).mean()))
+    found = []
+    for pose, square in zip(*planar_poses(board, corners, pinhole), strict=True):
+        ahead, behind = (retract(pose[None], way * _STEP * np.eye(6)) for way in (1, -1))
+        slopes = np.stack([(project(one) - project(other)).ravel() / (2 * _STEP)
+                           for one, other in zip(ahead, behind, strict=True)], axis=1)
+        found.append((pose, slopes, float(np.sqrt(square / len(corners)))))
+    if not found:
+        raise LightFieldError(f'{picture.name}: the corners that are seen are nearly on one line: '
+                              'show more of the board, or leave it out')
+    return found
+
+
+def _resolved(pictures: Sequence[BoardPicture], boards: Sequence[list[_BoardPose]],
+              told: tuple[float, float] | None, fixed: bool) -> list[_BoardPose]:
+    """Of boards that may be tilted either way the pose that fits the arm and the others."""
+    best = [each[0] for each in boards]
+    if all(len(each) == 1 for each in boards):
+        return best
+    found, _ = _fitted(pictures, best, told, fixed, heavy_tails=True)
+    arm = np.array([each.mount_to_base for each in pictures])
+    expected = inverse(found.camera) @ (arm if fixed else inverse(arm)) @ found.board
+    off = [[np.linalg.norm(pose[:3, :3] - there[:3, :3]) for pose, _, _ in each]
+           for each, there in zip(boards, expected, strict=True)]
+    return [each[int(np.argmin(turned))] for each, turned in zip(boards, off, strict=True)]
 
 
 def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:

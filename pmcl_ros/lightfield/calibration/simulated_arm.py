@@ -11,7 +11,6 @@ from pmcl_ros.geometry.se3 import inverse, pose_of, retract
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture
 
-_DISTANCE = 0.5  # m: of the board
 _TILT, _SPIN = 40.0, 20.0  # degrees: largest turns of the board, about two axes and the third
 
 
@@ -28,8 +27,8 @@ class SimulatedArm:
 
 def simulated_arm(rng: np.random.Generator, count: int = 20,
                   sigma: tuple[float, float] = (0.0005, np.deg2rad(0.1)), corners: float = 0.2,
-                  fixed_camera: bool = False) -> SimulatedArm:
-    """An arm that takes `count` pictures of a board half a metre away.
+                  fixed_camera: bool = False, distance: float = 0.5) -> SimulatedArm:
+    """An arm that takes `count` pictures of a board so far away [m].
 
     sigma: of its poses on each axis [m, rad]. corners: standard deviation of these [px].
     """
@@ -39,7 +38,7 @@ def simulated_arm(rng: np.random.Generator, count: int = 20,
     for number in range(count):
         angles = rng.uniform(-1, 1, 3) * [_TILT, _TILT, _SPIN]
         turn = Rotation.from_euler('xyz', angles, degrees=True).as_matrix()
-        seen = pose_of(turn, ([0, 0, _DISTANCE] - turn @ board.mean(axis=0)
+        seen = pose_of(turn, ([0, 0, distance] - turn @ board.mean(axis=0)
                               + rng.normal(0, 0.02, 3)))
         pixels = pinhole.project(board @ seen[:3, :3].T + seen[:3, 3])
         pixels = pixels + rng.normal(0, corners, pixels.shape)

@@ -155,6 +155,19 @@ def test_boards_seen_upside_down_are_left_out(wrong, fixed):
         assert np.linalg.norm(local(arm.camera[None], found.camera)[0, :3]) < 0.002
 
 
+@pytest.mark.parametrize('fixed', [False, True])
+def test_boards_that_fit_tilted_either_way_are_resolved_by_the_others(fixed):
+    """Far away, every tenth fits better tilted the wrong way; none is lost."""
+    for seed in range(4):
+        arm = simulated_arm(np.random.default_rng(seed), corners=0.5, fixed_camera=fixed,
+                            distance=3.0)
+        found = hand_eye(arm.pictures, arm.board, arm.pinhole, None, fixed)
+        assert found.left_out == ()
+        off = local(arm.camera[None], found.camera)[0]
+        assert np.rad2deg(np.linalg.norm(off[3:])) < 1.5
+        assert off @ np.linalg.solve(found.covariance, off) < stats.chi2.ppf(0.9999, 6)
+
+
 def test_more_boards_upside_down_than_a_quarter_are_named_and_refused():
     arm = simulated_arm(np.random.default_rng(0))
     pictures, names = with_reversed_boards(arm, np.random.default_rng(9), 6)
