@@ -22,6 +22,11 @@ _MARGIN = 0.25  # squares
 _HEIGHTS = -0.01, 0.3  # m: of the origin of what stands on the table
 _FROM_CORNERS = 0.5 if cv2.__version__ < '5' else 0.0  # px: OpenCV 4 counts from pixels' corners
 _MISREAD = 0.5  # squares
+# Of blurred, overexposed or dark markers outlines are round, and a cell may be misread: the other
+# numbers of the dictionary differ by three cells or more.
+_READING = {'errorCorrectionRate': 1.0, 'maxErroneousBitsInBorderRate': 0.5,
+            'polygonalApproxAccuracyRate': 0.05, 'perspectiveRemovePixelPerCell': 8}
+_BLURS, _SHARPER = (0.7, 2.0), 4.0  # px; times the difference of these blurs is added
 _BESIDE = 0.1  # squares from a corner, along both sides: before the markers
 _COVERED = 0.25  # of the usual contrast
 _NOISE = 0.5  # px: corners that are less off are not suspected
@@ -113,8 +118,9 @@ class CharucoRing:
         None where fewer than eight are seen, or those of one side alone.
         """
         best = self._detected(picture, 1)
-        if not np.isfinite(best).all():
-            best = max(best, self._detected(picture, 2), key=lambda each: np.isfinite(each).sum())
+        for of, scale in ((picture, 2), (_sharpened(picture), 1)):
+            if not np.isfinite(best).all():  # each attempt reads other markers
+                best = np.where(np.isfinite(best), best, self._detected(of, scale))
         shown = np.flatnonzero(np.isfinite(best[:, 0]))
         squares = self.points[:, :2] / self.square
         # A marker that is read as another one puts its corners squares away.
@@ -191,6 +197,10 @@ class CharucoRing:
         if hasattr(settings, 'checkMarkers'):  # one that is read at a second place, too, is enough
             settings.checkMarkers = False      # for it to refuse them all; `seen` sorts them out
         detector.setCharucoParameters(settings)
+        reading = detector.getDetectorParameters()
+        for name, value in _READING.items():
+            setattr(reading, name, value)
+        detector.setDetectorParameters(reading)
         positions, numbers, _, _ = detector.detectBoard(enlarged)
         every = np.full(((self.rows - 1) * (self.columns - 1), 2), np.nan)
         if numbers is not None and len(numbers):
@@ -226,6 +236,12 @@ class CharucoRing:
     def _is_printed(self, row: int, column: int) -> bool:
         return (min(row, self.rows - 1 - row) < _WIDE
                 or min(column, self.columns - 1 - column) < _WIDE)
+
+
+def _sharpened(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture (height, width) in which cells of blurred markers differ."""
+    fine, coarse = (cv2.GaussianBlur(picture, (0, 0), each).astype(np.float32) for each in _BLURS)
+    return np.asarray(np.clip(picture + _SHARPER * (fine - coarse), 0, 255), np.uint8)
 
 
 def _homography(points: NDArray[np.float64], seen: NDArray[np.float64]

@@ -65,6 +65,33 @@ def test_corners_have_no_common_error(distance, height, least, most):
 
 
 @needs_detector
+@pytest.mark.parametrize(('blur', 'light', 'least'), [
+    (1.2, 1.0, 25), (1.6, 1.0, 20), (0.8, 2.0, 20), (0.5, 0.1, 25)])
+def test_a_ring_is_seen_blurred_overexposed_and_dark(blur, light, least):
+    ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(2)
+    for turn in range(0, 360, 60):
+        pose = pose_of(Rotation.from_euler('xz', [145, turn], degrees=True), [0, 0, 0.4])
+        exact = PINHOLE.project(ring.points @ pose[:3, :3].T + pose[:3, 3])
+        exposed = light * picture_of_board(ring, pose, PINHOLE).astype(np.float32)
+        picture = cv2.GaussianBlur(exposed, (0, 0), blur)
+        picture = np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
+        seen = ring.in_plane(ring.seen(picture), PINHOLE)
+        off = np.linalg.norm(seen - exact, axis=1)
+        assert np.isfinite(off).sum() >= least
+        assert np.nanmedian(off) < 0.3
+
+
+@needs_detector
+def test_a_ring_is_not_seen_in_clutter():
+    ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(3)
+    for number in range(12):
+        coarse = rng.uniform(20, 230, (60, 80)).astype(np.float32)
+        picture = cv2.resize(coarse, (640, 480), interpolation=(
+            cv2.INTER_NEAREST, cv2.INTER_CUBIC)[number % 2]).clip(0, 255).astype(np.uint8)
+        assert ring.seen(picture) is None
+
+
+@needs_detector
 def test_what_is_covered_is_not_seen_and_the_rest_is():
     ring, rng = CharucoRing(8, 11, 0.024), np.random.default_rng(2)
     picture, exact = seen_from(rng, ring, 0.45, 50)
