@@ -106,6 +106,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
 
     Object and board rest; the board may be bent. The poses are in the frame of the board, with
     their errors: of a checkerboard z points into the table, of a ring out of it. Pictures without
+    Object and board rest; the board may be bent. The poses are in the frame of the board, with
+    their errors: of a checkerboard z points into the table, of a ring out of it. Pictures without
     the complete checkerboard, or with little of the ring, are named and left out. Of a views.yaml
     that is there (--force) what it says beside, as masks, is kept.
     """

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, retract
-from pmcl_ros.lightfield.calibration.planar_poses import planar_poses
+from pmcl_ros.geometry.sheet_pose import sheet_poses
 from pmcl_ros.runtime.errors import LightFieldError
 
 _STEP = 1e-6  # m, rad: of derivatives
@@ -60,7 +60,7 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
     seen = np.array([*pictures.values()])
     shown = np.isfinite(seen).all(axis=2)
     corners, points = seen[shown], np.tile(board, (len(seen), 1, 1))[shown]
-    poses, squares = planar_poses(points, corners, pinhole)
+    poses, squares = sheet_poses(points, corners, pinhole)
     if not poses:
         raise LightFieldError(f'{", ".join(pictures)}: the corners that are seen are nearly on '
                               'one line: show more of the board')

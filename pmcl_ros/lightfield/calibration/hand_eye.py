@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri, fdtrc
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, retract
-from pmcl_ros.lightfield.calibration.planar_poses import planar_poses
+from pmcl_ros.geometry.sheet_pose import sheet_poses
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -186,7 +186,7 @@ def _board_poses(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pin
         return np.asarray(pinhole.project(board @ each[:3, :3].T + each[:3, 3]))
 
     found = []
-    for pose, square in zip(*planar_poses(board, corners, pinhole), strict=True):
+    for pose, square in zip(*sheet_poses(board, corners, pinhole), strict=True):
         ahead, behind = (retract(pose[None], way * _STEP * np.eye(6)) for way in (1, -1))
         slopes = np.stack([(project(one) - project(other)).ravel() / (2 * _STEP)
                            for one, other in zip(ahead, behind, strict=True)], axis=1)
