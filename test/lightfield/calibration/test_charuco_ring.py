@@ -75,7 +75,7 @@ def test_a_ring_is_seen_blurred_overexposed_and_dark(blur, light, least):
         exposed = light * picture_of_board(ring, pose, PINHOLE).astype(np.float32)
         picture = cv2.GaussianBlur(exposed, (0, 0), blur)
         picture = np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
-        seen = ring.in_plane(ring.seen(picture), PINHOLE)
+        seen = as_it_lies(ring, {'a': ring.seen(picture)}, PINHOLE).pictures['a']
         off = np.linalg.norm(seen - exact, axis=1)
         assert np.isfinite(off).sum() >= least
         assert np.nanmedian(off) < 0.3
