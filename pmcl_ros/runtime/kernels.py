@@ -16,7 +16,7 @@ import numpy as np
 from numba import config, njit
 from numba.core import cgutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
-from numba.core.types import BaseTuple, unliteral
+from numba.core.types import Array, BaseTuple, unliteral
 from numba.extending import intrinsic
 
 from pmcl_ros.runtime.kernel_threads import Threads
@@ -271,22 +271,34 @@ def rounds(count, portion):  # type: ignore[no-untyped-def]
     return range(count * number // of, count * (number + 1) // of)
 
 
-def borrowed(array: Any) -> Any:
-    """In a kernel: the array without its owner, whom the kernel's caller keeps alive.
+def borrowed(arrays: Any) -> Any:
+    """In a kernel: an array, or those of a tuple, without their owners.
 
-    Where an owned array is sliced or handed on, its owner's references are counted up and down,
-    atomically. In the loops that draw and score a pose this took as long as the drawing.
+    The kernel's caller keeps these alive. Where an owned array is sliced or handed on, its owner's
+    references are counted up and down, atomically. In the loops that draw and score a pose this
+    took as long as the drawing, and in those that trace rays nearly as long as the rest.
     """
-    return array
+    return arrays
 
 
-def _without_owner(_: Any, array: Any) -> Any:
+def _without_owner(_: Any, arrays: Any) -> Any:
     def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
-        made = context.make_array(array)(context, builder, values[0])
+        return _not_owned(context, builder, arrays, values[0])
+    return arrays(arrays), generate
+
+
+def _not_owned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, Array):
+        made = context.make_array(kind)(context, builder, value)
         made.meminfo = cgutils.get_null_value(made.meminfo.type)
         made.parent = cgutils.get_null_value(made.parent.type)
         return made._getvalue()
-    return array(array), generate
+    if isinstance(kind, BaseTuple):
+        kinds: Any = kind
+        return context.make_tuple(builder, kind, [
+            _not_owned(context, builder, *each)
+            for each in zip(kinds, cgutils.unpack_tuple(builder, value), strict=True)])
+    return value
 
 
 if not config.DISABLE_JIT:  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 
 SQUARE = 8  # cells, the side of a square: in each the best place of a template is told
 BLOCK = 4  # cells, the side of places that share a bound; half of a square
@@ -51,7 +51,7 @@ def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
     """
     count, points = directions.shape
     width = blocks.shape[4]
-    lines = blocks.reshape(len(blocks) * BLOCK * BLOCK, -1)
+    lines = borrowed(blocks.reshape(len(blocks) * BLOCK * BLOCK, -1))
     down, along = -(-rows // BLOCK), -(-columns // BLOCK)
     length = (down - 1) * width + along
     across = -(-columns // SQUARE)
@@ -99,7 +99,7 @@ def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
     count, points = len(templates), directions.shape[1]
     height, width = strips.shape[1:3]
     lowest, rightmost = height - 1, width - SQUARE
-    run = strips.reshape(-1)
+    run = borrowed(strips.reshape(-1))
     across = -(-columns // SQUARE)
     for n in rounds(count, portion):
         which = templates[n]

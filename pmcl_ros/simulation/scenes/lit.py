@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 from pmcl_ros.simulation.scenes.lamps import irradiated
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, stream, tilted, uniform
@@ -29,6 +29,7 @@ _HARDLY = 0.08  # a path of less weight looks for no shadows
 @compiled(parallel=True, exact=True)
 def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore[no-untyped-def]
     """Fill picture (height, width, 3) with mean radiances; numbers as `render.light_of_view`."""
+    world = borrowed(world)
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
@@ -50,6 +51,7 @@ def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore
 @compiled(parallel=True, exact=True)
 def follow_lit(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
     """Fill out (n, 3) with the radiance along rays; block: rays of one task."""
+    world = borrowed(world)
     for task in rounds(-(-len(out) // block), portion):
         state = stream(seed, task)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 from pmcl_ros.simulation.scenes.lit import follow_lit
 from pmcl_ros.simulation.scenes.sampling import stream
 from pmcl_ros.simulation.scenes.scene import Scene
@@ -36,6 +36,7 @@ def light_along(world: World, origins: NDArray[np.float64], directions: NDArray[
 
 @compiled(parallel=True, exact=True)
 def _follow(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
+    world = borrowed(world)
     for task in rounds(-(-len(out) // block), portion):
         state = stream(seed, task)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)

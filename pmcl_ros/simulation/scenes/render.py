@@ -15,7 +15,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -79,6 +79,7 @@ def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64],
 
 @compiled(parallel=True, exact=True)
 def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no-untyped-def]
+    world = borrowed(world)
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
@@ -98,6 +99,7 @@ def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no
 
 @compiled(parallel=True, exact=True)
 def _first(world, numbers, where, label, depth, portion):  # type: ignore[no-untyped-def]
+    world = borrowed(world)
     fx, fy, cx, cy = numbers
     height, width = label.shape
     for i in rounds(height, portion):

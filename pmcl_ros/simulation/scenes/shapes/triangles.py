@@ -28,29 +28,48 @@ class Triangles:
         Returns (boxes (m, 6) low and high corner; nodes (m, 2); corners, sorted). A node is
         (-1 - first, count) of sorted triangles, or (left, right).
         """
-        middles = self.corners.mean(axis=1)
-        boxes: list[NDArray[np.float64]] = []
-        nodes: list[tuple[int, int]] = []
-        order: list[int] = []
+        count = len(self.corners)
+        nodes, ends, levels = _halved(count)
+        middles, order = self.corners.mean(axis=1), np.arange(count)
+        for firsts in levels:  # all nodes of a level at once: a mesh has thousands
+            sizes = np.diff(firsts, append=count)
+            there = middles[order]
+            extents = (np.maximum.reduceat(there, firsts) - np.minimum.reduceat(there, firsts))
+            along = np.repeat(extents.argmax(axis=1), sizes)
+            places = np.where(np.repeat(sizes > _LEAF, sizes), there[np.arange(count), along], 0)
+            order = order[np.lexsort((places, np.repeat(firsts, sizes)))]
+        corners = self.corners[order]
+        last = ((0, 1), (0, 0))  # an end may be that of all
+        low = np.minimum.reduceat(np.pad(corners.min(axis=1), last), ends.ravel())[::2]
+        high = np.maximum.reduceat(np.pad(corners.max(axis=1), last), ends.ravel())[::2]
+        return np.concatenate([low - 1e-9, high + 1e-9], axis=1), nodes, corners
 
-        def build(members: NDArray[np.int64]) -> int:
-            here = len(nodes)
-            inside = self.corners[members].reshape(-1, 3)
-            boxes.append(np.concatenate([inside.min(axis=0) - 1e-9, inside.max(axis=0) + 1e-9]))
-            nodes.append((0, 0))
-            if len(members) <= _LEAF:
-                nodes[here] = (-1 - len(order), len(members))
-                order.extend(members.tolist())
-                return here
-            axis = int(np.ptp(middles[members], axis=0).argmax())
-            ranked = members[np.argsort(middles[members, axis], kind='stable')]
-            half = len(ranked) // 2
-            left = build(ranked[:half])
-            nodes[here] = (left, build(ranked[half:]))
-            return here
 
-        build(np.arange(len(self.corners)))
-        return np.array(boxes), np.array(nodes, np.int64), self.corners[order]
+def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64], list[list[int]]]:
+    """A tree whose nodes halve `count` sorted triangles until they are few.
+
+    Returns (nodes (m, 2), as of `Triangles.tree`; where each begins and ends (m, 2); where those
+    of each level begin, for all levels with nodes that are halved).
+    """
+    nodes: list[tuple[int, int]] = []
+    ends: list[tuple[int, int]] = []
+    levels: list[list[int]] = []
+
+    def build(first: int, end: int, level: int) -> int:
+        here = len(nodes)
+        nodes.append((-1 - first, end - first))
+        ends.append((first, end))
+        if level == len(levels):
+            levels.append([])
+        levels[level].append(first)
+        if end - first > _LEAF:
+            middle = first + (end - first) // 2
+            left = build(first, middle, level + 1)
+            nodes[here] = (left, build(middle, end, level + 1))
+        return here
+
+    build(0, count, 0)
+    return np.array(nodes, np.int64), np.array(ends, np.int64), levels[:-1]
 
 
 @compiled(exact=True)
