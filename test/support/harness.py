@@ -115,7 +115,7 @@ class User:
     def spin(self):
         """Handle what has come."""
         for each in (self._executor, *self.others):
-            each.spin_once(timeout_sec=0.02)
+            each.spin_once(timeout_sec=0.05)
 
     def meet(self, *nodes):
         """Return once each of `nodes` knows every publisher, subscription and client made so far.
