@@ -1,6 +1,7 @@
 """The joint assignment has the largest value of all, and of what can be there together."""
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -68,7 +69,11 @@ def test_as_many_candidates_as_are_allowed_can_be_chosen_from_and_no_more():
 LEFT, RIGHT, BEHIND = standing(-0.04, 0, 0.42), standing(0.035, 0.01, 0.4), standing(0, 0, 0.49)
 ASIDE = retract(LEFT, np.array([[0.012, 0, 0, 0, 0, 0]]))[0]  # as a cup is wide, in its place
 TOUCHING = 0.06  # m: between two cups, of which the one is 3 mm deep in the other
-INTERIORS = [Interior.from_model(each) for each in (CUP, BOTTLE)]
+
+
+@lru_cache  # not made while tests are collected, which every worker does
+def interiors():
+    return [Interior.from_model(each) for each in (CUP, BOTTLE)]
 
 
 @pytest.fixture(scope='module')
@@ -83,7 +88,7 @@ def observed():
 
 
 def candidates(listed, cups, bottles=(), least=0.0, least_support=-1e3):
-    made = Candidates([CUP, BOTTLE], INTERIORS, listed, least, least_support)
+    made = Candidates([CUP, BOTTLE], interiors(), listed, least, least_support)
     return made, [made.add(0, cups), made.add(1, bottles)]
 
 
@@ -215,7 +220,7 @@ def test_to_be_moved_apart_costs_two_as_much_as_they_are_sure(observed):
         both = [replace(left, pose=pose, local=wide) for pose in (LEFT, beside)]
         made, ((one, other), _) = candidates([0, 0], both)
         values.append(made.value(one, [other]))
-        costs.append(resolve_penetration([PlacedObject(INTERIORS[0], each.pose, each.covariance)
+        costs.append(resolve_penetration([PlacedObject(interiors()[0], each.pose, each.covariance)
                                           for each in both]).cost)
     assert costs[0] > 2 * costs[1] > 0
     assert values[1] - values[0] == pytest.approx(costs[0] - costs[1])
@@ -226,7 +231,7 @@ def test_two_are_both_there_if_to_move_them_apart_costs_less_than_the_worse_one_
     beside = retract(LEFT, np.array([[TOUCHING + 0.0015, 0, 0, 0, 0, 0]]))[0]
     sure = replace(left.local, model_error=1e-8 * np.eye(len(left.local.gradient)))
     cup, worse = (replace(left, pose=pose, local=sure) for pose in (LEFT, beside))
-    cost = resolve_penetration([PlacedObject(INTERIORS[0], each.pose, each.covariance)
+    cost = resolve_penetration([PlacedObject(interiors()[0], each.pose, each.covariance)
                                 for each in (cup, worse)]).cost
     assert cost < 0.1 * sure.evidence
     for part, there in ((1.1, True), (0.9, False)):
@@ -244,9 +249,9 @@ def test_two_that_nothing_moves_apart_are_not_both_there(observed):
     basis = left.local.basis
     turned = basis.T @ np.diag([0, 0, 0, 1e6, 1e6, 1e6]) @ basis
     # The last points are corners, and what is inside: they are enough, and quickly compared.
-    interiors = [replace(each, samples=each.samples[-60:], sample_normals=each.sample_normals[-60:]
-                         ) for each in INTERIORS]
-    made = Candidates([CUP, BOTTLE], interiors, [0, 0], 0.0, -1e3)
+    quick = [replace(each, samples=each.samples[-60:], sample_normals=each.sample_normals[-60:])
+             for each in interiors()]
+    made = Candidates([CUP, BOTTLE], quick, [0, 0], 0.0, -1e3)
     one, other = made.add(0, [replace(each, local=replace(each.local, model_error=turned))
                               for each in (left, aside)])
     assert made.value(one, [other]) == -np.inf

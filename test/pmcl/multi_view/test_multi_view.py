@@ -222,7 +222,9 @@ def maps_seen(context, model, truth, cameras, pinhole=COARSE, too_far_in=0):
     views = []
     for camera in cameras:
         depth = depth_of(context, model, np.linalg.inv(camera) @ truth, pinhole, 4)
-        mask = distance_transform_edt(depth > 0) > too_far_in
+        mask = depth > 0
+        if too_far_in:
+            mask = distance_transform_edt(mask) > too_far_in
         views.append(PosedEvidence(map_seen(mask, pinhole, 0.3, 0.6, 4), camera))
     return ViewsEvidence(Header(7, 'base'), tuple(views))
 
