@@ -98,6 +98,26 @@ def test_textures_lie_where_the_own_renderer_lays_them() -> None:
     assert response > 0.8
 
 
+def test_texels_lie_where_they_belong() -> None:
+    """Some ten pixels each, on a wall across the optical axis."""
+    texel, depth = 0.06, 0.7
+    numbers = np.arange(SIZE, dtype=np.float32) / SIZE
+    texture = np.stack([np.broadcast_to(numbers, (SIZE, SIZE)),
+                        np.broadcast_to(numbers[:, None], (SIZE, SIZE)),
+                        np.full((SIZE, SIZE), 0.5, np.float32)], axis=-1)
+    wall = Sheet(pose_of(Rotation.identity(), np.array([-20 * texel, -30 * texel, depth])),
+                 (SIZE * texel, SIZE * texel), texture, SIZE * texel)
+    own, traced = both(scene(sheets=(wall,)), 64)
+    pinhole = sensor().grid.pinhole
+    v, u = np.mgrid[:pinhole.height, :pinhole.width]
+    column = 20 + depth * (u - pinhole.cx) / pinhole.fx / texel
+    row = 30 + depth * (v - pinhole.cy) / pinhole.fy / texel
+    for seen in (own, traced):
+        number = SIZE * 0.5 * seen[..., :2] / seen[..., 2:]  # in any light
+        np.testing.assert_allclose(number[..., 0], column, atol=0.03)
+        np.testing.assert_allclose(number[..., 1], row, atol=0.03)
+
+
 @pytest.mark.parametrize('seed', [0, 2])
 def test_outlines_agree_to_a_tenth_of_a_pixel(seed: int) -> None:
     rng = np.random.default_rng(seed)

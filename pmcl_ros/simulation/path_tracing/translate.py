@@ -151,7 +151,8 @@ def _bitmap(texture: Texture, side: float) -> dict[str, Any]:
     flipped = np.ascontiguousarray(texture[::-1], np.float32)
     data = mi.TensorXf(flipped)
     _taken_over()
-    onto = mi.ScalarTransform3f().translate([half, -half]).scale([1 / side, -1 / side])
+    # Of a transform in two dimensions Mitsuba 3.7 loses the shift.
+    onto = mi.ScalarTransform4f().translate([half, -half, 0]).scale([1 / side, -1 / side, 1])
     return {'type': 'bitmap', 'data': data, 'raw': True, 'wrap_mode': 'repeat',
             'filter_type': 'bilinear', 'to_uv': onto}
 
