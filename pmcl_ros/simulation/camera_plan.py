@@ -144,7 +144,8 @@ def in_room(scene: Scene, cameras: Sequence[NDArray[np.float64]] | NDArray[np.fl
             ) -> NDArray[np.float64]:
     """(n, 4, 4) cameras (n, 4, 4) in the frame of the room.
 
-    Its axes are those of the room (z up), its origin is that of the scene's own camera.
+    Its axes are those of the room (z up), its origin is `Scene.origin`.
     """
-    room = pose_of(scene.world_from_camera, [0, 0, 0])
+    turn = scene.world_from_camera
+    room = pose_of(turn, -turn @ scene.origin)
     return np.asarray(room @ np.asarray(cameras))

@@ -109,7 +109,8 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
         entries.append(entry)
     room = in_room(scene, np.eye(4))
     targets = tuple(replace(each, pose=room @ each.pose,
-                            roi_center=tuple((room[:3, :3] @ each.roi_center).tolist()))
+                            roi_center=tuple((room[:3, :3] @ each.roi_center
+                                              + room[:3, 3]).tolist()))
                     for each in scene.targets)
     with Results(folder, _COMMAND, force) as out:
         for entry, picture in zip(entries, shown, strict=True):

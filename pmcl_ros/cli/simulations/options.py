@@ -23,8 +23,10 @@ from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.described.ring_sheet import RingSheet
 from pmcl_ros.simulation.described.surroundings import (
     SURROUNDINGS,
+    WITH_RING,
     DescribedSettings,
     Surroundings,
     described_scene,
@@ -103,11 +105,13 @@ class Draw:
     item: SceneObject
     surroundings: tuple[Surroundings, ...]
     settings: DescribedSettings
+    ring: RingSheet | None = None
 
     def __call__(self, seed: int, rng: np.random.Generator, sensor: Sensor | None) -> Scene:
         """As `Simulation.draw`."""
         return described_scene(rng, self.item, self.surroundings[seed % len(self.surroundings)],
-                               sensor or random_sensor(rng, self.settings), self.settings)
+                               sensor or random_sensor(rng, self.settings), self.settings,
+                               self.ring)
 
 
 @dataclass(frozen=True)
@@ -127,13 +131,15 @@ class Simulated:
                     for each in (of.draw.settings, of.camera, of.plan, of.draw.item.appearance)
                     if each is not None]
         item = replace(of.draw.item, appearance=None)
-        values = item, of.draw.surroundings, settings, of.samples, __version__
+        ring = () if of.draw.ring is None else (of.draw.ring.options,)
+        values = (item, of.draw.surroundings, settings, of.samples, __version__, *ring)
         return hashlib.sha256(pickle.dumps(values)).hexdigest()[:16]
 
     @classmethod
     def from_options(cls, plan: str | None, object_file: Path, camera: str, region: str,
                      surroundings: tuple[Surroundings, ...], attitude: str, renderer: str,
-                     samples: int | None, seed: int) -> 'Simulated':
+                     samples: int | None, seed: int, ring: RingSheet | None = None
+                     ) -> 'Simulated':
         """Raises SettingsError, ObjectModelError and SimulationError for what is impossible."""
         limits = _REGION.fullmatch(region)
         if not limits:
@@ -164,11 +170,14 @@ class Simulated:
             values |= {'field': min(seen_by.field, 1.5)}
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
-        draw = Draw(load_object(object_file), surroundings, settings)
+        if ring is not None:
+            _check_ring(ring, plan, surroundings, side)
+        draw = Draw(load_object(object_file), surroundings, settings, ring)
         _check_size(draw, region)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
                                 draws, samples or usual, along)
-        return cls(simulation, {
+        about = {} if ring is None else {'ring': ring.options}
+        return cls(simulation, about | {
             'object': object_file.name, 'camera': f'{Path(camera).name}: {pictures}',
             'distance': f'{float(near):g} to {float(far):g} m',
             'surroundings': ', '.join(surroundings),
@@ -203,6 +212,20 @@ class Simulated:
     def _first_scene(self, seed: int) -> Scene:
         of, rng = self.simulation, np.random.default_rng(seed)
         return of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
+
+
+def _check_ring(ring: RingSheet, plan: str | None, surroundings: tuple[Surroundings, ...],
+                side: str | None) -> None:
+    """Raise SettingsError for what does not go with a ring."""
+    if plan is None:
+        raise SettingsError(f'{ring.options}: it tells the poses of several pictures; add '
+                            '--cameras arc:3:50')
+    if others := sorted({*surroundings} - {*WITH_RING}):
+        raise SettingsError(f'--surroundings {", ".join(others)}: a ring lies on a table; choose '
+                            f'{" or ".join(WITH_RING)}')
+    if side is not None:
+        raise SettingsError(f'--region with a side of {side} m: the region of interest is the '
+                            'middle of the ring; leave the side out')
 
 
 def _check_size(draw: Draw, region: str) -> None:

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.described.place import Furnished, Place
+from pmcl_ros.simulation.described.ring_sheet import RingSheet
 from pmcl_ros.simulation.described.wet_places import sink, tank
 from pmcl_ros.simulation.scenes.broad_scene import (
     Palette,
@@ -31,6 +32,8 @@ Attitude = Literal['any', 'upright', 'lying']
 # Limits of the angle at which the camera looks down [rad].
 _HEIGHTS = {'table': (0.08, 1.5), 'shelf': (0.0, 0.35), 'sink': (0.8, 1.45), 'tank': (0.0, 0.4),
             'clutter': (0.08, 1.5)}
+_ABOVE_RING = 0.44, 0.87  # 25 to 50 degrees
+WITH_RING: tuple[Surroundings, ...] = ('table', 'clutter')
 _TRIES = 30  # scenes, until nothing hides the object
 _SHOULDER = 0.7  # of the camera's distance: a board may come so near to it
 
@@ -49,14 +52,16 @@ class DescribedSettings(SceneSettings):
 
 
 def described_scene(rng: np.random.Generator, item: SceneObject, surroundings: Surroundings,
-                    sensor: Sensor, settings: DescribedSettings | None = None) -> Scene:
+                    sensor: Sensor, settings: DescribedSettings | None = None,
+                    ring: RingSheet | None = None) -> Scene:
     """Draw a scene of an object, its one target, as a camera sees it, with lamps and shadows.
 
     surroundings: `table`: a table that may end in view, mostly a wall; `shelf`: boards below,
     above and behind; `sink`: as `wet_places.sink`; `tank`: as `wet_places.tank`; `clutter`: a
     table with things beside, before and behind; `random`: as `broad_scene`. One in which a counter
-    or a wall hides the object's middle is drawn again. Raises SimulationError where the object may
-    not rest as the settings say, or is always hidden.
+    or a wall hides the object's middle is drawn again. ring: around the object, in surroundings
+    WITH_RING, seen from 25 to 50 degrees above the table. Raises SimulationError where the object
+    may not rest as the settings say, or is always hidden.
     """
     of = settings or DescribedSettings()
     if of.attitude != 'any':
@@ -68,7 +73,7 @@ def described_scene(rng: np.random.Generator, item: SceneObject, surroundings: S
         scene = broad_scene(rng, of, sensor, (item,))
         return replace(scene, name=f'random: {item.name}')
     for _ in range(_TRIES):
-        scene = _drawn(rng, item, surroundings, sensor, of)
+        scene = _drawn(rng, item, surroundings, sensor, of, ring)
         if not any(hiding_sheets(scene, np.zeros((1, 3)))):
             return scene
     raise SimulationError(f'{surroundings}: {item.name} was hidden in {_TRIES} scenes in a row; '
@@ -76,21 +81,26 @@ def described_scene(rng: np.random.Generator, item: SceneObject, surroundings: S
 
 
 def _drawn(rng: np.random.Generator, item: SceneObject, surroundings: Surroundings,
-           sensor: Sensor, of: DescribedSettings) -> Scene:
+           sensor: Sensor, of: DescribedSettings, ring: RingSheet | None) -> Scene:
     empty = bool(rng.random() < of.empty)
-    worlds, circles = beside_each_other(rng, (item,))
-    vertices = item.vertices @ worlds[0][:3, :3].T + worlds[0][:3, 3]
+    (world,), circles = beside_each_other(rng, (item,))
+    heights, lies = _HEIGHTS[surroundings], np.eye(4)
+    if ring is not None:
+        heights, lies = _ABOVE_RING, ring.around(rng, circles[0][1])
+        circles.append((lies[:2, 3], ring.reach))
+        world = ring.lifted(world)
+    vertices = item.vertices @ world[:3, :3].T + world[:3, 3]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0,
-                         centred=True)
-    pose = camera @ worlds[0]
-    place = Place(item, worlds[0], float(high[2]), camera, circles, Palette(rng), of.near, empty)
+    camera = random_view(rng, of, sensor, (low + high) / 2, heights, 0.0, centred=True)
+    pose = camera @ world
+    place = Place(item, world, float(high[2]), camera, circles, Palette(rng), of.near, empty)
     around = _MAKERS[surroundings](rng, place, of)
     target = random_target(rng, item, pose, of.roi, empty)
     owners = (0,) * len(around.target) + (1,) * len(around.solids)
-    return Scene(f'{surroundings}: {item.name}' + (', empty' if empty else ''),
-                 around.target + around.solids, around.sheets, random_lit_environment(rng),
-                 camera[:3, :3].T, sensor, (target,), owners)
+    scene = Scene(f'{surroundings}: {item.name}' + (', empty' if empty else ''),
+                  around.target + around.solids, around.sheets, random_lit_environment(rng),
+                  camera[:3, :3].T, sensor, (target,), owners)
+    return scene if ring is None else ring.laid(scene, camera @ lies)
 
 
 def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furnished:

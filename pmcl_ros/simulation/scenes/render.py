@@ -177,7 +177,8 @@ def seen_from(scene: Scene, pose: NDArray[np.float64]) -> Scene:
         scene, solids=tuple(replace(each, pose=back @ each.pose) for each in scene.solids),
         sheets=tuple(replace(each, pose=back @ each.pose) for each in scene.sheets),
         targets=tuple(replace(each, pose=back @ each.pose) for each in scene.targets),
-        world_from_camera=scene.world_from_camera @ pose[:3, :3])
+        world_from_camera=scene.world_from_camera @ pose[:3, :3],
+        origin=back[:3, :3] @ scene.origin + back[:3, 3])
 
 
 def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.random.Generator,

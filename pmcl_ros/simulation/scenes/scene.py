@@ -103,7 +103,8 @@ class Scene:
     solids, sheets: what reflects, refracts or blocks light. environment: the light of the room;
     world_from_camera: (3, 3) rotates a direction of the camera into the panorama's frame (z up).
     targets: objects to localise. owners: for each solid the index of its target, or the number of
-    targets for clutter. name: kind of scene and objects.
+    targets for clutter. name: kind of scene and objects. origin: (3,) of the frame in which truth
+    of several views is told, in the camera's frame [m]; default: the camera itself.
     """
 
     name: str
@@ -114,3 +115,4 @@ class Scene:
     sensor: Sensor
     targets: tuple[Target, ...]
     owners: tuple[int, ...]
+    origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
