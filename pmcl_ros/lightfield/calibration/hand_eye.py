@@ -5,6 +5,7 @@ weighted by its errors: a motion of the arm's flange and the noise of the corner
 of Park and Martin (1994) is where the fit starts.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,6 +21,7 @@ from pmcl_ros.geometry.sheet_pose import sheet_poses
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
+_LOG = logging.getLogger(__name__)
 FEWEST = 6  # pictures
 _LEAST_SPREAD = np.deg2rad(8)  # of the rotations about the second of their axes, rms
 _UNLIKELY = 1e-4  # chance of a picture whose arm pose or board fits so badly
@@ -28,6 +30,7 @@ _ROUNDS = 60  # of estimating the arm's errors
 _FREEDOM = 3  # of Student's t-distribution: the less, the less a wrong picture counts
 _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
+_WRONG_TURNS = np.deg2rad(4)  # the same of pictures that fit each other: arms are off by a tenth
 _OTHERWISE = (
     'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose of the '
     'link in the base (not of the base in the link), are the poses those of these pictures, did '
@@ -35,6 +38,7 @@ _OTHERWISE = (
     'for it?')
 _ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
+_CLEAR_SCALE = 0.004, 5.0  # share, standard deviations: what a ruler does not tell is no mistake
 _BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # of `_board_poses`
 
 
@@ -86,15 +90,18 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
     rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
     Raises LightFieldError for fewer than `FEWEST` pictures, where more than a quarter do not fit,
     where all rotations of the arm have one axis: they do not tell where the camera is; and where
-    the arm turned otherwise than the boards, or moved by a multiple of what they say.
+    the arm turned otherwise than the boards, or moved by a multiple of what they say. Logs a
+    warning where it moved by a few per cent more or less than they say.
     """
     for each in pictures:
         check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
     _check(pictures, ())
     try:
-        boards = [_board_poses(each, board, pinhole) for each in pictures]
-        return _agreed([*pictures], _resolved(pictures, boards, sigma, fixed_camera), sigma,
-                       fixed_camera)
+        seen = [_board_poses(each, board, pinhole) for each in pictures]
+        kept, boards = [*pictures], _resolved(pictures, seen, sigma, fixed_camera)
+        found = _agreed(kept, boards, sigma, fixed_camera)
+        _warn_of_scale(kept, boards, fixed_camera)
+        return found
     except np.linalg.LinAlgError:
         raise LightFieldError("no camera fits the boards and the arm's poses: the equations are "
                               'singular; take pictures with other turns of the arm') from None
@@ -251,13 +258,9 @@ def _mismatch(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fi
     rotation = park_martin(mounts, seen)[:3, :3]
     by_board = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
     off = np.median((by_board.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude())
-    if off > _MISMATCH:
+    if off > _WRONG_TURNS:
         return _OTHERWISE
-    # What no place of the camera on the mount explains: nothing, where the camera always had the
-    # board at one place before it; else the arm's part and the board's are the same.
-    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    by_arm, by_boards = (each - left @ np.linalg.lstsq(left, each, rcond=None)[0] for each in (
-        moved[:, :3, 3].ravel(), (turned[:, :3, 3] @ rotation.T).ravel()))
+    by_arm, by_boards = _along(moved, turned, rotation)
     sizes = np.linalg.norm(by_arm), np.linalg.norm(by_boards)
     if by_arm @ by_boards <= _ALIKE * sizes[0] * sizes[1]:
         return ''
@@ -266,6 +269,48 @@ def _mismatch(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fi
         return ''
     return (f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
             'positions of mount_to_base in metres, and is --square the side of a square?')
+
+
+def _along(moved: NDArray[np.float64], turned: NDArray[np.float64],
+           rotation: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3 k,) positions of motions by arm and boards, less what a place of the camera explains.
+
+    What is left is nothing, where the camera always had the board at one place before it; else the
+    arm's part and the board's are the same.
+    """
+    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
+    by_arm, by_boards = (each - left @ np.linalg.lstsq(left, each, rcond=None)[0] for each in (
+        moved[:, :3, 3].ravel(), (turned[:, :3, 3] @ rotation.T).ravel()))
+    return by_arm, by_boards
+
+
+def _warn_of_scale(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fixed: bool
+                   ) -> None:
+    """Warn where the arm tells that the board is a few per cent larger or smaller than told.
+
+    The fit takes it for errors of the arm, and puts the camera elsewhere.
+    """
+    arm = np.array([each.mount_to_base for each in pictures])
+    mounts = inverse(arm) if fixed else arm
+    seen = np.array([each[0] for each in boards])
+    scale = _scale(mounts, seen)
+    number = len(mounts)
+    without = np.array([_scale(np.delete(mounts, each, axis=0), np.delete(seen, each, axis=0))
+                        for each in range(number)])
+    sigma = np.sqrt((number - 1) * np.square(without - without.mean()).mean())  # the jackknife's
+    least, times = _CLEAR_SCALE
+    if abs(scale - 1) > max(least, times * sigma):
+        _LOG.warning(
+            "by the arm's motions the board is %.1f %% %s than told (standard deviation %.1f): "
+            'measure ten of its squares for --square, and check the focal length; else the place '
+            'of the camera is off by about this share of its distance from the board',
+            100 * abs(scale - 1), 'larger' if scale > 1 else 'smaller', 100 * sigma)
+
+
+def _scale(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> float:
+    """Size of the board by the arm's motions, as a share of that told."""
+    by_arm, by_boards = _along(*_motions(mounts, seen), park_martin(mounts, seen)[:3, :3])
+    return float(by_arm @ by_boards / (by_boards @ by_boards))
 
 
 def _chances(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],

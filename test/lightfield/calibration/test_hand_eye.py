@@ -228,6 +228,42 @@ def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
         assert float(str(refused.value).split()[7]) == pytest.approx(factor, rel=0.05)
 
 
+@pytest.mark.parametrize('seed', range(6))
+def test_transposed_rotations_of_the_link_are_refused(seed):
+    """Small turns about one pose fit their inverses by half: errors of 9 degrees, of no arm."""
+    arm = simulated_arm(np.random.default_rng(seed))
+    turned = [replace(each, mount_to_base=np.block([
+        [each.mount_to_base[:3, :3].T, each.mount_to_base[:3, 3:]], [np.eye(4)[3:]]]))
+        for each in arm.pictures]
+    with pytest.raises(LightFieldError, match=r'turned otherwise than the boards|do not fit'):
+        hand_eye(turned, arm.board, arm.pinhole)
+
+
+@pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
+@pytest.mark.parametrize(('size', 'says'), [(1, None), (1.04, 'smaller'), (0.98, 'larger')])
+def test_squares_of_another_side_are_told(caplog, size, says, fixed):
+    arm = simulated_arm(np.random.default_rng(3), sigma=(2e-4, 5e-4), fixed_camera=fixed)
+    found = hand_eye(arm.pictures, size * arm.board, arm.pinhole, None, fixed)
+    off = 1e3 * np.linalg.norm(local(arm.camera[None], found.camera)[0][:3])
+    if says is None:
+        assert not caplog.text
+        assert off < 3
+    else:
+        line, = caplog.messages
+        told = re.search(r'is ([\d.]+) % (\w+) than told \(standard deviation ([\d.]+)\)', line)
+        assert told[2] == says
+        assert float(told[1]) == pytest.approx(abs(100 / size - 100), abs=3 * float(told[3]) + 0.1)
+        assert off > 5
+
+
+def test_a_focal_length_of_another_zoom_is_told(caplog):
+    arm = simulated_arm(np.random.default_rng(3))
+    zoomed = replace(arm.pinhole, fx=0.95 * arm.pinhole.fx, fy=0.95 * arm.pinhole.fy)
+    hand_eye(arm.pictures, arm.board, zoomed)
+    assert 'larger than told' in caplog.text
+    assert 'check the focal length' in caplog.text
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_pictures_with_late_poses_are_left_out_and_their_cause_is_not_sought(seed):
     arm = simulated_arm(np.random.default_rng(seed))
