@@ -126,6 +126,17 @@ def test_without_autostart_nodes_wait_for_their_manager(tmp_path, user, write):
         assert chain.alive()
 
 
+def test_a_file_that_is_not_for_the_namespace_is_told(tmp_path, user):
+    """Else it looks as if the file lacked what is in it."""
+    mine = tmp_path / 'mine.yaml'
+    mine.write_text('pmcl_node: {ros__parameters: {object: glass.yaml}}')
+    with Process(tmp_path, BRINGUP, '--params-file', mine, '--without', 'subaperture_node',
+                 '--without', 'lytro_driver', '--ros-args', '-r', '__ns:=/left', status=1) as chain:
+        user.wait(lambda: not chain.alive(), 'the end')
+    assert (f"{mine} has parameters for 'pmcl_node', not for /left/pmcl_node: for nodes in any "
+            'namespace it is /**/pmcl_node') in chain.log
+
+
 def test_nodes_live_in_a_namespace(tmp_path, user, write):
     with Process(tmp_path, BRINGUP, '--params-file', write(), '--without', 'subaperture_node',
                  '--without', 'pmcl_node', '--ros-args', '-r', '__ns:=/left') as chain:

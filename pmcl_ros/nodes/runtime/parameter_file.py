@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
+from re import escape, fullmatch
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -56,6 +57,28 @@ def given_to_all(arguments: Sequence[str]) -> set[str]:
     return {name for file in parameter_files(arguments)
             for section, values in _sections(file, read_yaml(file), '')
             if section.rpartition('/')[2] in _WILD for name in values}
+
+
+def given_elsewhere(arguments: Sequence[str], node: str) -> list[tuple[str, str]]:
+    """Files of a command line, with a section each, that are for a node of this name elsewhere.
+
+    node: its full name. ROS gives `pmcl_node` to the node in no namespace alone, without a word.
+    Of a file that has parameters for the node itself none: it may serve several robots.
+    """
+    found = []
+    for file in parameter_files(arguments):
+        sections = [section for section, _ in _sections(file, read_yaml(file), '')]
+        own = [each for each in sections if each.rpartition('/')[2] == node.rpartition('/')[2]]
+        if own and not any(_means(each, node) for each in sections):
+            found.append((file, own[0]))
+    return found
+
+
+def _means(section: str, node: str) -> bool:
+    """Whether a section is for a node of this full name; `**` are any parts, `*` is one."""
+    parts = {'**': '(/[^/]+)*', '*': '/[^/]+'}
+    return fullmatch(''.join(parts.get(each, '/' + escape(each)) for each in section.split('/')),
+                     node) is not None
 
 
 @contextmanager

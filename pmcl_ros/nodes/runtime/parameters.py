@@ -23,7 +23,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pmcl_ros.nodes.runtime.parameter_file import given_to_all, owners_of
+from pmcl_ros.nodes.runtime.parameter_file import given_elsewhere, given_to_all, owners_of
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 from pmcl_ros.runtime.settings import Settings, default_of, suggest
 
@@ -45,6 +45,11 @@ class Parameters:
         for name, field in kind.model_fields.items():
             self._declare(name, field)
         node.add_post_set_parameters_callback(self._accepted)
+        full = node.get_fully_qualified_name()
+        for file, section in given_elsewhere(sys.argv, full):
+            node.get_logger().warning(
+                f'{file} has parameters for {section!r}, not for {full}: for nodes in any '
+                f'namespace it is /**/{node.get_name()}')
 
     def read(self) -> Settings:
         """The parameters as they are now; SettingsError names every impossible or missing one.

@@ -6,7 +6,11 @@ from harness import ROOT
 from rclpy.context import Context
 from rclpy.node import Node
 
-from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file, parameter_file
+from pmcl_ros.nodes.runtime.parameter_file import (
+    check_parameter_file,
+    given_elsewhere,
+    parameter_file,
+)
 from pmcl_ros.runtime.errors import SettingsError
 
 
@@ -91,3 +95,29 @@ def test_they_go_over_what_files_say_whatever_their_sections_are_called(write, s
 def test_no_values_are_no_arguments():
     with parameter_file({'grasp_node': {'grasps': None}}) as arguments:
         assert arguments == []
+
+
+@pytest.mark.parametrize('namespace', ['', '/arm', '/left/arm'])
+@pytest.mark.parametrize('section', [
+    'dlv_node', '/dlv_node', '/arm/dlv_node', 'left/arm/dlv_node', '/*/dlv_node', '/**/dlv_node',
+    '/left/**/dlv_node', '/**', '/**/arm/dlv_node'])
+def test_a_section_for_a_node_elsewhere_is_told_where_ros_passes_over_it(
+        write, section, namespace):
+    file, context = write(f'"{section}": {{ros__parameters: {{labels: 5}}}}'), Context()
+    arguments = ['--ros-args', '--params-file', str(file)]
+    rclpy.init(args=arguments, context=context)
+    node = Node('dlv_node', context=context, namespace=namespace, allow_undeclared_parameters=True,
+                automatically_declare_parameters_from_overrides=True)
+    reached = node.has_parameter('labels')
+    told = given_elsewhere(arguments, node.get_fully_qualified_name())
+    rclpy.shutdown(context=context)
+    assert told == ([] if reached else [(str(file), section.lstrip('/'))])
+
+
+def test_a_file_for_several_robots_is_for_none_elsewhere(write):
+    file = write('/left: {dlv_node: {ros__parameters: {labels: 5}}}\n'
+                 '/right: {dlv_node: {ros__parameters: {labels: 7}}}')
+    arguments = ['--params-file', str(file)]
+    assert given_elsewhere(arguments, '/right/dlv_node') == []
+    assert given_elsewhere(arguments, '/right/pmcl_node') == []
+    assert given_elsewhere(arguments, '/dlv_node') == [(str(file), 'left/dlv_node')]
