@@ -131,7 +131,8 @@ def test_a_file_that_is_not_for_the_namespace_is_told(tmp_path, user):
     mine = tmp_path / 'mine.yaml'
     mine.write_text('pmcl_node: {ros__parameters: {object: glass.yaml}}')
     with Process(tmp_path, BRINGUP, '--params-file', mine, '--without', 'subaperture_node',
-                 '--without', 'lytro_driver', '--ros-args', '-r', '__ns:=/left', status=1) as chain:
+                 '--without', 'lytro_driver', '--ros-args', '-r', '__ns:=/left',
+                 status=1) as chain:
         user.wait(lambda: not chain.alive(), 'the end')
     assert (f"{mine} has parameters for 'pmcl_node', not for /left/pmcl_node: for nodes in any "
             'namespace it is /**/pmcl_node') in chain.log
