@@ -6,11 +6,12 @@ Something hides it in some of them, or the cameras' poses are not what was repor
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
-from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, pair_fits
+from pmcl_ros.lightfield.camera_adjustment import PairFit, adjust_cameras, pair_fits
 from pmcl_ros.lightfield.features import MATCHED, Features, features_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -28,6 +29,7 @@ _OF_OBJECT = 'check the size of the mesh, whether it has holes, and whether the 
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 _SCALE = 0.01  # share by which their distances, or the mesh, are then taken to be off
 _MOST_OFF = 3.0  # times as much: of an arm that is not good; by more, something else is wrong
+_DOUBTFUL = 0.5  # share of what is possible of bad arms, by which a lost object's are in doubt
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
 _SAME = 1e-9  # m: poses that are equal
 _Search = Callable[[ViewsEvidence], Found]
@@ -114,13 +116,20 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
     The log tells of an object that stays lost where the surroundings disprove its camera poses.
     """
     exact, pictures = evidence.are_exact and len(evidence.views) > 1, evidence.pictures
+    misfit = None
     if pictures is not None and (exact or lost.estimate.lost):
         features = [features_of(each) for each in pictures.views]
         found = _adjusted(evidence, pictures, features, search) if exact else None
-        if found is not None or (lost.estimate.lost
-                                 and _are_disproved(evidence, pictures, features)):
+        if found is not None:
             return found
-    return _uncertain(evidence, lost, search) if exact else None
+        if lost.estimate.lost and (misfit := _misfit(evidence, pictures, features)):
+            if misfit.disproves:
+                _LOG.warning(misfit.line)
+                return None
+    found = _uncertain(evidence, lost, search) if exact else None
+    if found is None and misfit and misfit.pair.excess > _DOUBTFUL:
+        _LOG.warning(misfit.line)
+    return found
 
 
 def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features],
@@ -142,9 +151,34 @@ def _adjusted(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[
         f'{adjusted.after:.1f} px with the others; {_ADVICE}'), fitting
 
 
-def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
-                   ) -> bool:
-    """Whether the surroundings do not fit the camera poses of a lost object; the log tells it."""
+class _Misfit(NamedTuple):
+    """How far the surroundings do not fit the camera poses of a lost object.
+
+    pair: the worst of pictures. question: of a mistake that explains it; '' for none.
+    """
+
+    pair: PairFit
+    question: str
+
+    @property
+    def disproves(self) -> bool:
+        """Whether no arm and no calibration are so bad."""
+        return bool(self.question) or self.pair.excess > 1
+
+    @property
+    def line(self) -> str:
+        """For the log."""
+        question = self.question or (
+            'is each picture with its own pose, are these of the optical frame (hand-eye '
+            'transform), and is the camera matrix right?')
+        return ('lost, and what is around the object does not fit the camera poses: matches of '
+                f'pictures {self.pair.views[0]} and {self.pair.views[1]} are '
+                f'{self.pair.distances[0]:.1f} px off their epipolar lines; {question}')
+
+
+def _misfit(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
+            ) -> _Misfit | None:
+    """Of a lost object; None where too few features match, which the log tells."""
     mended = list(without_mistakes([(each.evidence.pinhole, each.camera_to_reference)
                                     for each in evidence.views]))
     pairs = pair_fits(pictures.views, features, [
@@ -152,19 +186,11 @@ def _are_disproved(evidence: ViewsEvidence, pictures: PosedViews, features: Sequ
         *(np.array([pose for _, pose in each]) for _, each in mended)])
     if not pairs:
         _LOG.info('lost, and too few features match between pictures to check the camera poses')
-        return False
+        return None
     given, *others = np.median([each.distances for each in pairs], axis=0)
     questions = [f'{question} {distance:.1f} px' for (question, _), distance
                  in zip(mended, others, strict=True) if distance <= MATCHED < given]
-    worst = max(pairs, key=lambda pair: pair.excess)
-    if not questions and worst.excess <= 1:
-        return False
-    _LOG.warning(
-        'lost, and what is around the object does not fit the camera poses: matches of pictures '
-        '%d and %d are %.1f px off their epipolar lines; %s', *worst.views, worst.distances[0],
-        questions[0] if questions else 'is each picture with its own pose, are these of the '
-        'optical frame (hand-eye transform), and is the camera matrix right?')
-    return True
+    return _Misfit(max(pairs, key=lambda pair: pair.excess), questions[0] if questions else '')
 
 
 def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
