@@ -99,13 +99,20 @@ def poses_to_messages(matrices: NDArray[np.float64]) -> list[Pose]:
             in zip(matrices[:, :3, 3].tolist(), quaternions.tolist(), strict=True)]
 
 
+def _told(values: NDArray[np.float64]) -> str:
+    return f'({", ".join(f"{each:.4g}" for each in values)})'
+
+
 def poses_from(poses: Sequence[Pose], topic: str) -> NDArray[np.float64]:
     """(n, 4, 4), checked; topic: to name in what is wrong."""
     rows = np.array([(p.position.x, p.position.y, p.position.z, p.orientation.x, p.orientation.y,
                       p.orientation.z, p.orientation.w) for p in poses]).reshape(-1, 7)
+    if not (finite := np.isfinite(rows).all(axis=1)).all():
+        raise MessageError(f'{topic}: a pose is not finite: {_told(rows[~finite][0])}')
     lengths = np.linalg.norm(rows[:, 3:], axis=1)
-    if not np.isfinite(rows).all() or (abs(lengths - 1) > 1e-3).any():
-        raise MessageError(f'{topic}: a pose is not finite or its quaternion has not length 1')
+    if (wrong := abs(lengths - 1) > 1e-3).any():
+        raise MessageError(f'{topic}: the quaternion {_told(rows[wrong][0, 3:])} has length '
+                           f'{lengths[wrong][0]:.4g}, not 1')
     if len(rows) == 0:  # which Rotation takes from SciPy 1.15 on only
         return np.zeros((0, 4, 4))
     return pose_of(Rotation.from_quat(rows[:, 3:]), rows[:, :3])

@@ -560,11 +560,18 @@ def test_markers_are_the_mesh_at_the_pose_and_the_region(estimate):
 
 def test_broken_poses_are_refused(estimate):
     messages = estimate_to_messages(estimate)
-    messages.pose.pose.orientation.w += 0.5
-    with pytest.raises(MessageError, match='length 1'):
+    turn = messages.pose.pose.orientation
+    turn.x, turn.y, turn.z, turn.w = 1.2, 0.0, 0.0, 1.6
+    with pytest.raises(MessageError,
+                       match=r'pose: the quaternion \(1.2, 0, 0, 1.6\) has length 2, not 1'):
         pose_from(messages.pose)
+    turn.x, turn.w = 0.6, 0.8 + 2e-3
+    with pytest.raises(MessageError, match=r'has length 1\.002, not 1'):
+        pose_from(messages.pose)
+    turn.w = 0.8 + 5e-4
+    np.testing.assert_allclose(np.linalg.det(poses_from([messages.pose.pose], 'pose')[0]), 1)
     messages.particles.poses[3].position.x = float('nan')
-    with pytest.raises(MessageError, match='not finite'):
+    with pytest.raises(MessageError, match=r'particles: a pose is not finite: \(nan, '):
         poses_from(messages.particles.poses, 'particles')
     for place, value in ((1, 1e9), (0, float('nan')), (0, float('inf'))):
         messages.with_covariance.pose.covariance[place] = value

@@ -122,10 +122,11 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
         found = _adjusted(evidence, pictures, features, search) if exact else None
         if found is not None:
             return found
-        if lost.estimate.lost and (misfit := _misfit(evidence, pictures, features)):
-            if misfit.disproves:
-                _LOG.warning(misfit.line)
-                return None
+        if lost.estimate.lost:
+            misfit = _misfit(evidence, pictures, features)
+        if misfit and misfit.disproves:
+            _LOG.warning(misfit.line)
+            return None
     found = _uncertain(evidence, lost, search) if exact else None
     if found is None and misfit and misfit.pair.excess > _DOUBTFUL:
         _LOG.warning(misfit.line)
