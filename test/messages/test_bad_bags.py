@@ -85,6 +85,49 @@ def test_a_bag_without_checksums_is_told_once_and_not_warned_of(bag, caplog):
     assert only.levelno == logging.INFO
 
 
+def last(data, op):
+    """Where the content of the last record of a kind begins."""
+    place, found = len(MAGIC), 0
+    while place < len(data) - len(MAGIC):
+        each, length = HEAD.unpack_from(data, place)
+        found = place + HEAD.size if each == op else found
+        place += HEAD.size + length
+    return found
+
+
+def without_crc_of_summary(data):
+    footer = last(data, Op.FOOTER)
+    data[footer + 16:footer + 20] = bytes(4)
+
+
+def test_a_bag_without_a_checksum_of_its_summary_alone_is_told_too(bag, caplog):
+    caplog.set_level(logging.INFO)
+    changed(bag / 'bag.mcap', without_crc_of_summary)
+    assert len(list(read(bag))) == 2
+    assert 'bag has no checksums' in caplog.text
+
+
+@pytest.mark.parametrize('chunks', [0, 2])
+def test_a_summary_of_another_number_of_chunks_is_damaged(bag, chunks):
+    def change(data):
+        without_crc_of_summary(data)
+        struct.pack_into('<I', data, last(data, Op.STATISTICS) + 22, chunks)
+    changed(bag / 'bag.mcap', change)
+    with pytest.raises(BagError, match=f'it has 1 chunks, its summary says {chunks}'):
+        topics(bag)
+
+
+@pytest.mark.parametrize('later', [1, -1], ids=['begins later', 'ends earlier'])
+def test_a_message_of_another_time_than_its_chunk_says_is_damage(bag, later):
+    def change(data):
+        start, _ = chunk_of(data)
+        span = np.array(struct.unpack_from('<QQ', data, start)) + later
+        struct.pack_into('<QQ', data, start, *span.tolist())
+    changed(bag / 'bag.mcap', change)
+    with pytest.raises(BagError, match='has a message of channel 1 at'):
+        list(read(bag))
+
+
 @pytest.mark.parametrize('kept', [0, 1, 8, 9, 40, -1, -8, -9, -37, 0.3, 0.9])
 def test_a_file_that_was_cut_short(bag, kept):
     data = (bag / 'bag.mcap').read_bytes()

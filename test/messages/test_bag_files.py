@@ -10,6 +10,7 @@ import yaml
 
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded, read, record
+from pmcl_ros.messages.mcap_records import HEAD, MAGIC, Op
 from pmcl_ros.nodes.graph import TOPICS
 from pmcl_ros.runtime.errors import BagError
 
@@ -36,6 +37,20 @@ def messages():
             for time in times]
 
 
+def lengths_of_chunks(data):
+    """Of chunks by where they begin, and of the indices of messages behind each."""
+    found, place = {}, len(MAGIC)
+    while (head := HEAD.unpack_from(data, place))[0] != Op.DATA_END:
+        length = HEAD.size + head[1]
+        if head[0] == Op.CHUNK:
+            found[place] = length, 0
+        elif head[0] == Op.MESSAGE_INDEX:
+            *_, last = found
+            found[last] = found[last][0], found[last][1] + length
+        place += length
+    return found
+
+
 @pytest.mark.parametrize('compress', [True, False])
 def test_the_file_is_what_its_format_wants(tmp_path, messages, compress):
     record(tmp_path / 'bag', messages, compress)
@@ -58,8 +73,11 @@ def test_the_file_is_what_its_format_wants(tmp_path, messages, compress):
         assert len(summary.chunk_indexes) > 5
         assert {each.compression for each in summary.chunk_indexes} == {'zstd' if compress else ''}
         assert all(each.message_index_offsets for each in summary.chunk_indexes)
+        indexed = {index.chunk_start_offset: (index.chunk_length, index.message_index_length)
+                   for index in summary.chunk_indexes}
         found = [(channel.topic, message.log_time, message.data)
                  for _, channel, message in mcap.iter_messages()]
+    assert indexed == lengths_of_chunks((tmp_path / 'bag' / 'bag.mcap').read_bytes())
     assert found == sorted(((each.topic, each.time_ns, each.cdr) for each in messages),
                            key=lambda each: each[1])
 

@@ -12,8 +12,10 @@ SCRIPT = 'mount -t tmpfs -o size=4m none "$1" && exec "$2" -c "$3" "$1" "$4"'
 PROGRAM = """
 import sys
 from pathlib import Path
+from zlib import crc32
 import numpy as np
 from pmcl_ros.messages.bags import BagWriter, Recorded, read, topics
+from pmcl_ros.messages.mcap_records import HEAD, MAGIC, Op
 from pmcl_ros.runtime.errors import BagError
 
 disk, size = Path(sys.argv[1]), int(sys.argv[2])
@@ -30,6 +32,11 @@ except BagError as error:
 found = list(read(disk / 'bag')) if (disk / 'bag').exists() else []
 assert found == written[:len(found)]
 assert not found or topics(disk / 'bag')[0].messages == len(found)
+if found:
+    data, place = (disk / 'bag' / 'bag.mcap').read_bytes(), len(MAGIC)
+    while (head := HEAD.unpack_from(data, place))[0] != Op.DATA_END:
+        place += HEAD.size + head[1]
+    assert int.from_bytes(data[place + HEAD.size:][:4], 'little') == crc32(data[:place])
 assert sorted(each.name for each in disk.rglob('*') if each.is_file()) == (
     ['bag.mcap', 'metadata.yaml'] if found else [])
 print(len(found) * size)
