@@ -84,7 +84,8 @@ def calibrate_camera(pictures: Path, corners: str | None, ring: str | None, squa
         click.echo(f'{name}: {value:.5g} (standard deviation {sigma:.2g})')
     for name, pixels in zip(found.names, found.pixels, strict=True):
         click.echo(f'{name}: corners {pixels:.2f} px')
-    click.echo(_bend(found.board))
+    click.echo('corners of the board are up to '
+               f'{1e3 * np.abs(found.board[:, 2]).max():.2f} mm off a plane')
     for name in found.left_out:
         click.echo(f'{name}: left out, it does not fit the others: another zoom or focus?',
                    err=True)
@@ -104,8 +105,6 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
                 square: float, force: bool) -> None:
     """Write views.yaml into a folder of PICTURES: camera poses by a printed board in view.
 
-    Object and board rest; the board may be bent. The poses are in the frame of the board, with
-    their errors: of a checkerboard z points into the table, of a ring out of it. Pictures without
     Object and board rest; the board may be bent. The poses are in the frame of the board, with
     their errors: of a checkerboard z points into the table, of a ring out of it. Pictures without
     the complete checkerboard, or with little of the ring, are named and left out. Of a views.yaml
@@ -141,7 +140,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
         raise LightFieldError(
             f'{pictures}: no camera pose by a board of {printed.options} in {len(listed.views)} '
             'pictures: are these its numbers, and is it in view?')
-    click.echo(_bend(points))
+    click.echo('corners of the board are up to '
+               f'{1e3 * np.abs(points[:, 2]).max():.2f} mm above the table')
     used = {str(each['file']): agreeing[str(each['file'])] for each in views}
     if (lens := another_lens(used, printed, pinhole)) is not None:
         click.echo(f'the boards fit best with {lens}: is the calibration of this camera, '
@@ -153,10 +153,6 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     if isinstance(printed, CharucoRing):
         click.echo('what stands in the ring: --roi '
                    f'{" ".join(f"{each:g}" for each in printed.region)} --up 0 0 1 --tilt 0 20')
-
-
-def _bend(points: NDArray[np.float64]) -> str:
-    return f'corners of the board are up to {1e3 * np.abs(points[:, 2]).max():.2f} mm off a plane'
 
 
 def _entry(file: str, camera: str, found: CameraAtBoard, points: NDArray[np.float64]

@@ -33,6 +33,7 @@ class Checkerboard:
     turn by 180 degrees if one of columns and rows is odd and the other even.
     """
 
+    up = -1  # its z points into what it lies on
     columns: int
     rows: int
     square: float

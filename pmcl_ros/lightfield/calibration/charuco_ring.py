@@ -43,6 +43,7 @@ class CharucoRing:
     Raises SettingsError for numbers that no ring has, and for an OpenCV that cannot detect it.
     """
 
+    up = 1  # its z points out of what it lies on
     columns: int
     rows: int
     square: float

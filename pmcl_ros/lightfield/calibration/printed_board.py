@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.bent_board import USUAL_ASIDE, bent
@@ -16,6 +17,7 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 
 Board = Checkerboard | CharucoRing
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
+_TOUCHED = 1e-6  # mm
 _CLEAR = 3.0  # standard deviations of what pictures tell, with that of a calibration
 
 
@@ -25,9 +27,8 @@ def reduction_for(width: int, height: int) -> Reduction:
 
 
 class LyingBoard(NamedTuple):
-    """points: (m, 3) its corners [m], in the frame of the plane through them. heights: (m, k) a
-    root of the covariance of their z [m]. pictures: by name,
-    (m, 2) the corners that agree on that [px], NaN: not seen.
+    """points: (m, 3) its corners [m]; z = 0 is the table. heights: (m, k) a root of the covariance
+    of their z [m]. pictures: by name, (m, 2) the corners that agree on that [px], NaN: not seen.
     """
 
     points: NDArray[np.float64]
@@ -37,10 +38,10 @@ class LyingBoard(NamedTuple):
 
 def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhole: Pinhole
                ) -> LyingBoard:
-    """The board that rests in pictures, which paper bends.
+    """The board that rests in pictures, on a table that touches it from below; paper bends.
 
-    pictures: by name, (m, 2) corners as the board's `seen`, of a camera without
-    distortion [px]. Those in which too few corners agree are left out.
+    pictures: by name, (m, 2) corners as the board's `seen`, of a camera without distortion [px].
+    Those in which too few corners agree are left out.
     """
     near = dict(pictures) if isinstance(board, Checkerboard) else {
         name: each for name, seen in pictures.items()
@@ -48,9 +49,27 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
     if not near:
         return LyingBoard(board.points, np.zeros((len(board.points), 0)), {})
     found = bent(near, board.points, pinhole)
-    return LyingBoard(found.points, found.heights, near if isinstance(board, Checkerboard) else {
+    sigma = np.linalg.norm(found.heights, axis=1)
+    less = np.eye(len(sigma)) - _plane_below(found.points[:, :2],
+                                             board.up * found.points[:, 2] + sigma)
+    points = np.concatenate([found.points[:, :2], less @ found.points[:, 2:]], axis=1)
+    return LyingBoard(points, less @ found.heights, near if isinstance(board, Checkerboard) else {
         name: each for name, seen in near.items()
-        if (each := board.agreeing(seen, pinhole, found.points)) is not None})
+        if (each := board.agreeing(seen, pinhole, points)) is not None})
+
+
+def _plane_below(places: NDArray[np.float64], heights: NDArray[np.float64]
+                 ) -> NDArray[np.float64]:
+    """(m, m) what gives, of heights (m,), those of the plane that is nearest below them.
+
+    places: (m, 2), and heights there (m,) [m].
+    """
+    terms = np.concatenate([places, np.ones((len(places), 1))], axis=1)
+    found = linprog(-terms.sum(axis=0), A_ub=terms, b_ub=1e3 * heights, bounds=(None, None))  # mm
+    touched = np.flatnonzero(found.slack < _TOUCHED)
+    plane = np.zeros((len(terms), len(terms)))
+    plane[:, touched] = terms @ np.linalg.pinv(terms[touched])
+    return plane
 
 
 def another_lens(pictures: Mapping[str, NDArray[np.float64]], board: Board, pinhole: Pinhole

@@ -164,11 +164,22 @@ def test_a_camera_is_calibrated_by_a_sheet_that_is_bent(height):
     assert found.board[:, 2] == pytest.approx(off_plane(sheet(height)), abs=0.1e-3)
 
 
+@pytest.mark.parametrize('height', [flat, *BENDS])
+def test_z_is_that_of_the_table(height):
+    """Of a checkerboard z points into it."""
+    rng = np.random.default_rng(6)
+    found = as_it_lies(BOARD, seen(rng, views(rng, 4), sheet(height) * [1, 1, -1]), PINHOLE)
+    assert found.points[:, 2] == pytest.approx(-height(BOARD.points[:, :2]), abs=0.4e-3)
+
+
 def test_in_pictures():
     rng = np.random.default_rng(5)
     small = Pinhole(640, 480, 600, 600, 322, 238)
-    poses = views(rng, 2, 0.5)
+
+    def up(places):
+        return -curled(places)
+
     found = as_it_lies(BOARD, {
-        str(number): BOARD.seen(picture_of_sheet(BOARD, pose, small, curled))
-        for number, pose in enumerate(poses)}, small)
-    assert found.points[:, 2] == pytest.approx(off_plane(sheet(curled)), abs=0.1e-3)
+        str(number): BOARD.seen(picture_of_sheet(BOARD, pose, small, up))
+        for number, pose in enumerate(views(rng, 2, 0.5))}, small)
+    assert found.points[:, 2] == pytest.approx(sheet(up)[:, 2], abs=0.1e-3)
