@@ -19,6 +19,7 @@ _LEAST_NOISE = 0.03  # px, on each axis: no detector is better
 _STEPS, _HALVINGS = 60, 8
 _DONE = 1e-6  # of the logarithm of the likelihood, for each corner
 USUAL_ASIDE = 0.005  # error of a principal point, in focal lengths
+_USUAL_LONGER = 0.1  # share by which a focal length is off: a board seen straight tells none
 _CAMERA = 8  # fx, fy, cx, cy [px], k1, k2, p1, p2
 _BY_POSE, _BY_CAMERA = slice(0, 6), slice(6, 14)  # columns of OpenCV's derivatives
 _BY_PLACE = slice(3, 6)
@@ -64,15 +65,15 @@ def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[
 
 def bent_with_lens(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
                    pinhole: Pinhole) -> BentBoard:
-    """As `bent`, and focal length and principal point, which is usually nearly that of pinhole.
+    """As `bent`, and focal length and principal point, which are usually nearly those of pinhole.
 
     The covariance (3, 3) is that of the share by which the focal length differs, and of cx, cy.
     """
     camera = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0])
     onto = np.zeros((_CAMERA, 3))
     onto[[0, 1], 0], onto[2, 1], onto[3, 2] = camera[:2], 1, 1
-    aside = 1 / (USUAL_ASIDE * pinhole.fx) ** 2
-    return _adjusted(pictures, flat, camera, onto, np.array([0, aside, aside]))
+    usual = np.array([_USUAL_LONGER, *2 * [USUAL_ASIDE * pinhole.fx]])
+    return _adjusted(pictures, flat, camera, onto, 1 / usual ** 2)
 
 
 class _Values(NamedTuple):
@@ -213,13 +214,13 @@ class _Bundle:
         for off, by_pose, by_shared in self._views(values):
             root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
             left, shared = root * off.ravel(), root[:, None] * by_shared
-            unit, triangle = np.linalg.qr(root[:, None] * by_pose)
-            apart = shared - unit @ (unit.T @ shared)  # without what the pose takes up
+            basis, triangle = np.linalg.qr(root[:, None] * by_pose)
+            apart = shared - basis @ (basis.T @ shared)  # without what the pose takes up
             information += apart.T @ apart
             slope += apart.T @ left
-            views.append((unit.T @ left, unit.T @ shared, triangle))
-        size = 1 / np.sqrt(np.diag(information))  # of values with different units
-        step = size * np.linalg.solve(information * np.outer(size, size), size * slope)
+            views.append((basis.T @ left, basis.T @ shared, triangle))
+        unit = 1 / np.sqrt(np.diag(information))  # of values with different units
+        step = unit * np.linalg.solve(information * np.outer(unit, unit), unit * slope)
         poses = [np.linalg.solve(triangle, left - shared @ step)
                  for left, shared, triangle in views]
         return _Values(step, np.array(poses), variance), information

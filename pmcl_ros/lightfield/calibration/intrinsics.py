@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.bent_board import (
-    bent_with_camera,
-    bent_with_lens,
-)
+from pmcl_ros.lightfield.calibration.bent_board import bent_with_camera, bent_with_lens
 from pmcl_ros.lightfield.calibration.two_zooms import two_zooms
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -20,6 +17,7 @@ FEWEST = 5  # pictures: with fewer, noise passes for distortion
 _MOST_PIXELS = 2.0  # rms of the corners of a picture: more is another camera, zoom or focus
 LARGEST_ERROR = 0.01  # of the focal length: depths are off by as much
 _HALVED = 0.5  # mean square of the others' corners without a picture that does not fit them
+_NO_BOARD = 0.05  # of the width: by so much no zoom puts corners off, but those of no board
 _FEW = 0.25  # of the pictures: so many of another zoom are left out
 
 
@@ -38,7 +36,6 @@ class Intrinsics:
     pixels: NDArray[np.float64]
     board: NDArray[np.float64]
     left_out: tuple[str, ...] = ()
-
 
     @property
     def camera(self) -> NDArray[np.float64]:
@@ -72,7 +69,7 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
         kept, flat, pixels = others, camera, without
     found = _fitted(kept, board, flat, width, height)
     zooms = None
-    if min(pixels.max(), found.pixels.max()) < _MOST_PIXELS:
+    if min(pixels.max(), found.pixels.max()) < _NO_BOARD * width:
         # Which the boards explain best: a bend yields to zooms, where there are two.
         is_bent = np.square(found.pixels).mean() < _HALVED * np.square(pixels).mean()
         zooms = (two_zooms(kept, found.board, found.camera) if is_bent

@@ -130,7 +130,7 @@ def _halved(values: NDArray[np.float64], weights: NDArray[np.float64]
     and the spread within them.
     """
     best = np.zeros(len(values), bool), np.zeros(2), np.inf
-    for least in np.sort(values)[1:]:
+    for least in np.unique(values)[1:]:
         upper = values >= least
         means = np.array([np.average(values[each], weights=weights[each])
                           for each in (~upper, upper)])

@@ -1,5 +1,7 @@
 """Boards on paper that is bent, seen in pictures while they rest: against truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from painted_boards import picture_of_sheet
@@ -59,8 +61,8 @@ def views(rng, count, distance=0.45):
     return np.array(found)
 
 
-def seen(rng, poses, points, noise=NOISE):
-    return {f'{number}.png': PINHOLE.project(points @ pose[:3, :3].T + pose[:3, 3])
+def seen(rng, poses, points, noise=NOISE, pinhole=PINHOLE):
+    return {f'{number}.png': pinhole.project(points @ pose[:3, :3].T + pose[:3, 3])
             + rng.normal(0, noise, (len(points), 2)) for number, pose in enumerate(poses)}
 
 
@@ -170,6 +172,19 @@ def test_z_is_that_of_the_table(height):
     rng = np.random.default_rng(6)
     found = as_it_lies(BOARD, seen(rng, views(rng, 4), sheet(height) * [1, 1, -1]), PINHOLE)
     assert found.points[:, 2] == pytest.approx(-height(BOARD.points[:, :2]), abs=0.4e-3)
+
+
+@pytest.mark.parametrize('height', BENDS)
+def test_a_picture_of_another_zoom_is_left_out_beside_a_sheet_that_is_bent(height):
+    zoomed = replace(PINHOLE, fx=1.1 * PINHOLE.fx, fy=1.1 * PINHOLE.fy)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        pictures = seen(rng, views(rng, 11, 0.4), sheet(height))
+        pictures['zoomed.png'], = seen(rng, views(rng, 1, 0.4), sheet(height),
+                                       pinhole=zoomed).values()
+        found = fit_intrinsics(pictures, BOARD.points, 1280, 960)
+        assert found.left_out == ('zoomed.png',)
+        assert found.pinhole.fx == pytest.approx(PINHOLE.fx, abs=4 * found.sigma[0])
 
 
 def test_in_pictures():

@@ -85,8 +85,8 @@ def of_two(rng, shorter, longer, zoom, **changes):
                 rng, longer, values=zoomed, **changes).items()})
 
 
-@pytest.mark.parametrize(('count', 'zoom', 'noise'), [(4, 1.1, NOISE), (6, 1.06, NOISE),
-                                                      (6, 1.4, NOISE), (6, 1.15, 0.5)])
+@pytest.mark.parametrize(('count', 'zoom', 'noise'), [
+    (4, 1.1, NOISE), (6, 1.06, NOISE), (6, 1.4, NOISE), (6, 1.7, NOISE), (6, 1.15, 0.5)])
 def test_two_zooms_half_and_half_are_named(count, zoom, noise):
     for seed in range(4):
         pictures = of_two(np.random.default_rng(seed), count, count, zoom, noise=noise)
@@ -163,6 +163,16 @@ def test_a_focal_length_is_checked(count):
     squares = np.square(found).mean(axis=0)
     assert squares.max() < 1.6
     assert count == 1 or squares[:, 0].min() > 0.4
+
+
+@pytest.mark.parametrize('noise', [0, NOISE])
+def test_a_board_seen_straight_does_not_tell_a_focal_length(noise):
+    for seed in range(20):
+        pictures = seen(np.random.default_rng(seed), 1, tilt=2, noise=noise,
+                        values=TRUTH * [1, 1, 1, 1, 0, 0, 0, 0])
+        found = lens_error(pictures, BOARD.points, Pinhole(*SIZE, *TRUTH[:4]))
+        assert abs(found.longer) < 3 * found.sigma[0]
+        assert noise == 0 or found.sigma[0] > 0.05
 
 
 def test_a_focal_length_is_checked_in_a_part_of_a_picture_without_its_middle():
