@@ -78,8 +78,7 @@ def calibrate_camera(pictures: Path, corners: str | None, ring: str | None, squa
     found = fit_intrinsics(dict(_seen(files, printed, (width, height))), printed.points, width,
                            height)
     pinhole = found.pinhole
-    values = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *found.distortion]
-    for name, value, sigma in zip(('fx', 'fy', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2'), values,
+    for name, value, sigma in zip(('fx', 'fy', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2'), found.camera,
                                   found.sigma, strict=True):
         click.echo(f'{name}: {value:.5g} (standard deviation {sigma:.2g})')
     for name, pixels in zip(found.names, found.pixels, strict=True):
