@@ -15,9 +15,15 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.board_camera import BoardNodeSettings, camera_by_board
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import lens_from
-from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.pose import pose_to_message, pose_to_transform
-from pmcl_ros.nodes.camera_input import Picture, Silence, pixels_from, subscribe_camera
+from pmcl_ros.nodes.camera_input import (
+    Picture,
+    Silence,
+    pixels_from,
+    stamped,
+    subscribe_camera,
+)
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
 from pmcl_ros.nodes.runtime.running import run
@@ -76,10 +82,7 @@ class BoardNode(StageNode):
                                f'{self.resolve_topic_name("camera_info")}')
 
     def _find(self, message: Picture, lens: Lens) -> None:
-        came, header = time.monotonic(), header_from(message.header)
-        if header.stamp_ns == 0:
-            raise MessageError('its stamp is 0, which is no time: let the camera driver stamp its '
-                               'images')
+        came, header = time.monotonic(), stamped(message)
         picture = pixels_from(message, self._settings.bits)
         lens.check_size(picture, 'the image')
         if picture.dtype == np.uint16:
