@@ -211,7 +211,9 @@ def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, came
     blank = cv2.imread(str(capture / '000.png'))
     cv2.imwrite(str(tmp_path / 'a.png'), blank)
     of_simulation = tmp_path / 'camera.yaml'
-    of_simulation.write_text(camera.read_text() + 'noise: 0.01\n')
+    values = yaml.safe_load(camera.read_text())
+    del values['fy']  # it is fx then
+    of_simulation.write_text(yaml.safe_dump(values | {'noise': 0.01}))
     arguments = ('board-poses', tmp_path, '--camera', of_simulation, '--corners', '6x5',
                  '--square', 0.012)
     done = pmcl(*arguments, status=1)
@@ -232,7 +234,8 @@ def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, came
     # What somebody added is kept with --force, what the board tells is written anew.
     written = yaml.safe_load(before)
     mine = yaml.safe_load(before) | {'bits': 12}
-    mine['cameras']['camera'] |= {'mask': 'gripper.png', 'fx': 2 * CAMERA['fx']}
+    mine['cameras']['camera'] |= {'mask': 'gripper.png', 'fx': 2 * CAMERA['fx'],
+                                         'fy': 2 * CAMERA['fx']}
     mine['views'] = [mine['views'][0] | {'mask': 'hand.png', 'stamp': 5.5, 'sigma_mm': 9.0},
                      {'file': 'gone.png', 'camera': 'camera', 'camera_to_reference': [
                          1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]

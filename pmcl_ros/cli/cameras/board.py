@@ -114,8 +114,9 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     earlier = read_earlier(path)
     printed, of = board_of(corners, ring, square), OrdinaryCamera.load(camera)
     name = camera.stem
-    cameras = {name: of.model_dump(mode='json', exclude_none=True,
-                                   include=set(posed_views.ViewCamera.model_fields))}
+    whole = of.model_copy(update={'fy': of.fy or of.fx})  # else the earlier file's is kept
+    cameras = {name: whole.model_dump(mode='json',
+                                      include=set(posed_views.ViewCamera.model_fields))}
     listed = RestingCameras.make({
         **({} if earlier is None else {'bits': earlier.bits}),
         'cameras': cameras, 'reference': 'board',
