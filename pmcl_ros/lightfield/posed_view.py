@@ -162,8 +162,9 @@ def quaternion_pose(position: Sequence[float], quaternion: Sequence[float], name
     """(4, 4) of a position [m] and a unit quaternion x, y, z, w; else LightFieldError."""
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1) < _RIGID:
-        raise LightFieldError(f'{name}: the quaternion {list(quaternion)} has length '
-                              f'{length:.4f}, not 1')
+        values = ', '.join(f'{each:.5g}' for each in quaternion)
+        raise LightFieldError(f'{name}: the quaternion ({values}) has length {length:.4g}, not 1: '
+                              'x, y, z, w is the order, w last; no rotation is 0, 0, 0, 1')
     return pose_of(Rotation.from_quat(quaternion), position)
 
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of, retract
+from pmcl_ros.lightfield.pose_entry import Matrix
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
@@ -21,7 +22,6 @@ from pmcl_ros.simulation.scenes.scene import Scene
 _ARC = re.compile(r'arc:(\d{1,3}):(\d{1,3}(?:\.\d*)?)')
 _GRID = re.compile(r'grid:(\d{1,2})x(\d{1,2}):(\d*\.?\d*)')
 _STANDING = 0.1  # vertical part of a standing sheet's normal, at most
-_Pose = tuple[float, ...]
 
 
 class CameraPlan(Settings):
@@ -32,7 +32,7 @@ class CameraPlan(Settings):
         "a level circle about the middle of the object's region")
     grid: tuple[int, int, float] | None = Field(
         None, description='rows, columns, and the width [m]: parallel cameras in a plane')
-    poses: tuple[_Pose, ...] = Field(
+    poses: tuple[Matrix, ...] = Field(
         (), description="4x4 each, row by row: camera to the scene's own camera [m]")
     sigma_mm: float = Field(0.0, ge=0, le=100, description='error of the reported poses: '
                             'standard deviation of the position on each axis [mm]')
@@ -54,8 +54,6 @@ class CameraPlan(Settings):
         if self.grid is not None and not (min(self.grid) > 0 and self.grid[0] * self.grid[1] > 1):
             raise ValueError(f'a grid of {self.grid[0]}x{self.grid[1]} over {self.grid[2]:g} m: '
                              'at least 2 cameras, a positive width')
-        if any(len(each) != 16 for each in self.poses):
-            raise ValueError('each of poses has 16 numbers')
         try:
             for place, pose in enumerate(self._poses, 1):
                 check_pose(pose, f'pose {place}')

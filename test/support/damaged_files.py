@@ -239,6 +239,7 @@ def view_formats(folder):
                 cv2.imwrite(str(folder / name / file), np.tile(COLOURS, (4, 4, 1)))
     pose = [[1.0, 0, 0, 0.1 * number, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] for number in range(3)]
     camera = {'width': 48, 'height': 36, 'fx': 20.0, 'fy': 21.0, 'cx': 5.5, 'cy': 4.0}
+    pose[1] = {'position': [0.1, 0, 0], 'orientation': {'x': 0.0, 'y': 0.0, 'z': 0.0, 'w': 1.0}}
     grid = {'files': 'v_{row}_{column}.png', 'rows': 1, 'columns': 3, 'fx': 20.0,
             'baseline': 0.01, 'focus_distance': 1.5, 'gamma': 2.2}
     posed = {'cameras': {'one': {**camera, 'distortion': [0.1, 0.01, 0.0, 0.0]}}, 'views': [

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.masks import mask_of_view, read_mask
+from pmcl_ros.lightfield.pose_entry import Matrix
 from pmcl_ros.lightfield.posed_view import GAMMA, LEAST_SIDE, PosedView, centre_view, encoded
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import (
@@ -35,19 +35,8 @@ NAME = 'views.yaml'
 _LOG = logging.getLogger(__name__)
 _NPZ, _SWEEP = '.npz', 'sweep'
 _MOST_PIXELS = 2 ** 25  # of a picture
-_ROWS = 4
 _FAR_OFF = 0.2  # of the side: no lens has its principal point there, but a cropped picture may
 _EXCHANGED = 0.1  # of the side: from here on, if exchanging cx and cy halves it
-
-
-def _sixteen(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Of numbers that are right each: pydantic's lengths do not count wrong ones."""
-    if len(values) != _ROWS ** 2:
-        raise ValueError(f'a pose has 16 numbers, 4x4, not {len(values)}')
-    return values
-
-
-_Matrix = Annotated[tuple[float, ...], AfterValidator(_sixteen)]
 
 
 class ViewCamera(CameraEntry):
@@ -83,13 +72,13 @@ class ViewEntry(Settings):
     file: str = Field(min_length=1, description='name of the picture, relative to views.yaml; or '
                       'of a light field, .npz of pmcl decode, of which the centre view is meant')
     camera: str = Field('', description='name of its camera; a light field (.npz) has its own')
-    camera_to_reference: _Matrix = Field(
+    camera_to_reference: Matrix = Field(
         (1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.),
-        description='pose of its optical frame, 4x4, row by row [m]; may be left out of a single '
-        'view')
-    mount_to_base: _Matrix | None = Field(
+        description='pose of its optical frame, 4x4, row by row [m], or as ROS prints a Pose; may '
+        'be left out of a single view')
+    mount_to_base: Matrix | None = Field(
         None, description='for pmcl handeye, in place of camera_to_reference: pose of the '
-        "arm's link that carries camera or board, 4x4, row by row [m]")
+        "arm's link that carries camera or board, 4x4, row by row [m], or as ROS prints a Pose")
     sigma_mm: float = Field(0.0, ge=0, le=1e4, description='standard deviation of the position on '
                             'each axis [mm]')
     sigma_deg: float = Field(0.0, ge=0, le=180, description='standard deviation of the rotation '
@@ -103,18 +92,6 @@ class ViewEntry(Settings):
                        'those of one hand-eye transform')
     common: float = Field(1.0, ge=0, le=1, description='share of the variance of these errors '
                           'that the group shares; the rest is of each view')
-
-    @field_validator('camera_to_reference', 'mount_to_base', mode='before')
-    @classmethod
-    def _one_row(cls, value: Any) -> Any:
-        """The 16 numbers of four rows of four."""
-        if isinstance(value, list) and [len(row) for row in value if isinstance(row, list)] == [
-                4, 4, 4, 4] and len(value) == _ROWS:
-            return [each for row in value for each in row]
-        if isinstance(value, list) and (len(value) == 12 or [
-                len(row) for row in value if isinstance(row, list)] == [4, 4, 4]):
-            raise ValueError('it is 3x4, expected 4x4, row by row: add 0, 0, 0, 1')
-        return value
 
     @property
     def is_light_field(self) -> bool:

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.pose_entry import Position, Quaternion
 from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.camera_info_file import camera_entry, is_camera_info
 from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_picture
@@ -60,9 +61,9 @@ class FrameEntry(Settings):
     """One picture and where its camera was."""
 
     file: str = Field(min_length=1, description='name of the picture')
-    position: tuple[float, float, float] = Field(
+    position: Position = Field(
         description='of the optical frame, in any fixed frame [m]')
-    orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
+    orientation: Quaternion = Field(description='quaternion x, y, z, w')
 
     @property
     def pose(self) -> NDArray[np.float64]:

@@ -1,25 +1,22 @@
 """Plans of posed views: from where a camera is to look, or could."""
 
-from typing import Annotated
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from pmcl_ros.lightfield.pose_entry import Matrix
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
-
-_Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
 
 class ViewPlan(Settings):
     """Poses of a camera's optical frame (x right, y down, z forward), in any directions."""
 
     frame: str = Field('', description='reference frame of the poses; empty: that of the views')
-    poses: list[_Pose] = Field(min_length=1, max_length=10_000, description='camera to the '
-                               'reference frame, 4x4 each, row by row [m]')
+    poses: list[Matrix] = Field(min_length=1, max_length=10_000, description='camera to the '
+                                'reference frame, 4x4 each, row by row [m], or a Pose of ROS')
 
     @model_validator(mode='after')
     def _rigid(self) -> 'ViewPlan':
