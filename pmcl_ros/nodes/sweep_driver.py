@@ -98,6 +98,7 @@ class SweepDriver(StageNode):
                                   settings.mount_parent)
         self._outputs = view_outputs(self)
         self._posed_outputs = posed_view_outputs(self)
+        self.get_logger().info(_described_mount(settings))
         self.get_logger().info(self._described_sweep())
 
     def _described_sweep(self) -> str:
@@ -343,6 +344,17 @@ class SweepDriver(StageNode):
         if self._planned is not None and isinstance(self._collection, ViewCollection):
             self.health.extra['planned poses without a view'] = ', '.join(
                 map(str, self._collection.missing)) or 'none'
+
+
+def _described_mount(settings: SweepDriverSettings) -> str:
+    """Of which frame the poses count as, or where the camera is in theirs."""
+    if not any(settings.mount_position + settings.mount_rpy):
+        return ("the poses count as those of the camera's optical frame: mount_position and "
+                'mount_rpy are 0')
+    place, turn = (', '.join(f'{each:g}' for each in values)
+                   for values in (settings.mount_position, settings.mount_rpy))
+    return (f'the camera is mounted at mount_position ({place}) m, mount_rpy ({turn}) rad in '
+            + (settings.mount_parent or 'the frame whose poses camera_pose has'))
 
 
 def main() -> int:

@@ -557,6 +557,20 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
         assert 'at each call of ~/take' in node.log
 
 
+def test_the_log_says_which_mount_places_the_camera(tmp_path, user):
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params={'poses': 'topic'}) as node:
+        assert user.change('sweep_driver', CONFIGURE), node.log
+        assert ("the poses count as those of the camera's optical frame: mount_position and "
+                'mount_rpy are 0') in node.log
+        for parent, told in (('', 'the frame whose poses camera_pose has'), ('tool0', 'tool0')):
+            assert user.change('sweep_driver', CLEANUP)
+            assert user.set('sweep_driver', mount_position=[0.0, -0.05, 0.1],
+                            mount_rpy=[0.0, 0.0, 1.5708], mount_parent=parent) == []
+            assert user.change('sweep_driver', CONFIGURE), node.log
+            assert ('the camera is mounted at mount_position (0, -0.05, 0.1) m, mount_rpy (0, 0, '
+                    f'1.5708) rad in {told}') in node.log
+
+
 def test_the_node_looks_for_poses_only_while_images_wait(user, frames):
     """At rest nothing wakes it but two timers of a second."""
     context = Context()
