@@ -249,7 +249,7 @@ class SweepDriver(StageNode):
                                moving.speed, moving.angular_speed)
         except PmclError as error:
             self._leave_out(first.name, str(error))
-            raise LightFieldError(f'{first.name} is left out: {error}') from None
+            raise LightFieldError(f'left out: {self._collection.left_out[-1]}') from None
         kept = self._collection.add(frame)
         if not kept:
             self._on_left_out()

@@ -156,7 +156,7 @@ class LeftOut(NamedTuple):
     moved: bool = False
 
     def __str__(self) -> str:
-        return (self.reason if self.reason.startswith(f'{self.name} ')
+        return (self.reason if self.reason.startswith((f'{self.name} ', f'{self.name}: '))
                 else f'{self.name}: {self.reason}')
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.frame import LeftOut, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
@@ -198,3 +198,11 @@ def test_a_mask_is_that_of_each_view_as_its_lens_shows_it():
     with pytest.raises(LightFieldError, match='small: the mask has 64x48 px, its camera 32x24'):
         made.add(frame('small', 0.2, image=image[::2, ::2], lens=small))
     assert made.left_out[-1].name == 'small'
+
+
+@pytest.mark.parametrize('reason', ['frame 12 has 4x3 px', 'frame 12: its pose is none',
+                                    'frame 1 is there'])
+def test_a_frame_that_is_left_out_is_named_once(reason):
+    told = str(LeftOut('frame 12', reason))
+    assert told.count('frame 12') == 1
+    assert told.endswith(reason)
