@@ -35,7 +35,7 @@ def sheet_pose(points: NDArray[np.float64], corners: NDArray[np.float64],
 
 
 def sheet_poses(points: NDArray[np.float64], corners: NDArray[np.float64], pinhole: Pinhole
-                 ) -> tuple[list[NDArray[np.float64]], list[float]]:
+                ) -> tuple[list[NDArray[np.float64]], list[float]]:
     """The poses of the board, to the camera (4, 4), that fit about as well; the best first.
 
     With them, the sums of squares of what is left [px^2]. Two, where it fits nearly as well tilted

@@ -49,9 +49,7 @@ def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
     more, not all on a line. flat: (m, 3) the corners [m], z = 0.
     Raises LightFieldError for corners that are those of no board.
     """
-    camera = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0]
-    return _adjusted(pictures, flat, np.array(camera, float), np.zeros((_CAMERA, 0)),
-                     np.zeros(0))
+    return _adjusted(pictures, flat, _undistorted(pinhole), np.zeros((_CAMERA, 0)), np.zeros(0))
 
 
 def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
@@ -69,8 +67,7 @@ def bent_with_lens(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np
 
     The covariance (3, 3) is that of the share by which the focal length differs, and of cx, cy.
     """
-    camera = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0])
-    onto = np.zeros((_CAMERA, 3))
+    camera, onto = _undistorted(pinhole), np.zeros((_CAMERA, 3))
     onto[[0, 1], 0], onto[2, 1], onto[3, 2] = camera[:2], 1, 1
     usual = np.array([_USUAL_LONGER, *2 * [USUAL_ASIDE * pinhole.fx]])
     return _adjusted(pictures, flat, camera, onto, 1 / usual ** 2)
@@ -260,6 +257,11 @@ def _terms(places: NDArray[np.float64]) -> NDArray[np.float64]:
 def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of corners by the squares of how far they are off, in scales of their errors."""
     return (_FREEDOM + 2) / (_FREEDOM + squares)
+
+
+def _undistorted(pinhole: Pinhole) -> NDArray[np.float64]:
+    """(8,) as of `BentBoard.camera`."""
+    return np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, 0, 0, 0, 0], float)
 
 
 def _matrix(camera: NDArray[np.float64]) -> NDArray[np.float64]:

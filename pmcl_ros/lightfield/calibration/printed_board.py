@@ -42,6 +42,7 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
 
     pictures: by name, (m, 2) corners as the board's `seen`, of a camera without distortion [px].
     Those in which too few corners agree are left out.
+    Raises LightFieldError for corners that are those of no board.
     """
     near = dict(pictures) if isinstance(board, Checkerboard) else {
         name: each for name, seen in pictures.items()

@@ -33,14 +33,9 @@ def seen(rng, count, tilt=35.0, noise=NOISE, values=TRUTH):
     return found
 
 
-def numbers(found):
-    pinhole = found.pinhole
-    return np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *found.distortion])
-
-
 def test_exact_corners_give_the_camera():
     found = fit_intrinsics(seen(np.random.default_rng(1), 12, noise=0), BOARD.points, *SIZE)
-    assert numbers(found) == pytest.approx(TRUTH, rel=2e-3, abs=2e-4)
+    assert found.camera == pytest.approx(TRUTH, rel=2e-3, abs=2e-4)
     assert (found.pinhole.width, found.pinhole.height) == SIZE
     assert found.pixels.max() < 0.01
 
@@ -58,7 +53,7 @@ def test_errors_are_those_that_are_told(share):
     rng, trials = np.random.default_rng(2), 60
     found = [fit_intrinsics(with_hidden(rng, seen(rng, 15), share), BOARD.points, *SIZE)
              for _ in range(trials)]
-    scaled = np.array([(numbers(each) - TRUTH) / each.sigma for each in found])
+    scaled = np.array([(each.camera - TRUTH) / each.sigma for each in found])
     # Means of 60 squares have a standard deviation of 0.18.
     assert np.square(scaled).mean(axis=0) == pytest.approx(np.ones(8), abs=0.6)
     assert np.square(scaled).mean() == pytest.approx(1, abs=0.2)
@@ -74,7 +69,7 @@ def test_a_picture_of_another_zoom_is_left_out():
     found = fit_intrinsics(pictures, BOARD.points, *SIZE)
     assert found.left_out == ('zoomed.png',)
     assert found.names == tuple(f'{number}.png' for number in range(10))
-    assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
+    assert np.abs((found.camera - TRUTH) / found.sigma).max() < 4
 
 
 def of_two(rng, shorter, longer, zoom, **changes):
@@ -104,7 +99,7 @@ def test_two_zooms_half_and_half_are_named(count, zoom, noise):
 def test_a_few_pictures_of_another_zoom_are_left_out():
     found = fit_intrinsics(of_two(np.random.default_rng(8), 12, 3, 1.08), BOARD.points, *SIZE)
     assert sorted(found.left_out) == ['b.0.png', 'b.1.png', 'b.2.png']
-    assert np.abs((numbers(found) - TRUTH) / found.sigma).max() < 4
+    assert np.abs((found.camera - TRUTH) / found.sigma).max() < 4
 
 
 @pytest.mark.parametrize(('count', 'tilt', 'noise'), [(8, 35, 0.1), (8, 35, 0.5), (6, 35, NOISE),
