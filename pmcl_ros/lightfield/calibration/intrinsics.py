@@ -149,11 +149,12 @@ def _of_flat(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.floa
             points, corners, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3)
     except cv2.error as error:
         raise _no_board(error) from None
+    camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2],
+                       *distortion.ravel()[:4]], float)
+    _check_focal_lengths(camera)  # OpenCV 4 returns NaN, OpenCV 5 raises
     off = [cv2.projectPoints(of, turn, place, matrix, distortion)[0][:, 0] - seen
            for of, seen, turn, place in zip(points, corners, turns, places, strict=True)]
-    camera = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion.ravel()[:4]]
-    return (np.array(camera, float),
-            np.array([np.sqrt(np.square(each).sum(axis=1).mean()) for each in off]))
+    return camera, np.array([np.sqrt(np.square(each).sum(axis=1).mean()) for each in off])
 
 
 def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float64],
@@ -163,12 +164,18 @@ def _fitted(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[np.float
         found = bent_with_camera(pictures, board, start)
     except np.linalg.LinAlgError as error:
         raise _no_board(error) from None
+    _check_focal_lengths(found.camera)
     fx, fy, cx, cy, *distortion = found.camera.tolist()
     return Intrinsics(Pinhole(width, height, fx, fy, cx, cy), tuple(distortion),
                       np.sqrt(np.diag(found.covariance)), tuple(pictures), found.pixels,
                       found.points)
 
 
-def _no_board(error: Exception) -> LightFieldError:
-    return LightFieldError(f'the corners are those of no board ({error}); is --corners or --ring '
+def _check_focal_lengths(camera: NDArray[np.float64]) -> None:
+    if not (camera[:2] > 0).all():
+        raise _no_board(f'focal lengths of {camera[0]:.4g} and {camera[1]:.4g} px fit best')
+
+
+def _no_board(why: object) -> LightFieldError:
+    return LightFieldError(f'the corners are those of no board ({why}); is --corners or --ring '
                            'that of the board?'.replace('\n', ' '))
