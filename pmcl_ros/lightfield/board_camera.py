@@ -22,6 +22,9 @@ from pmcl_ros.lightfield.view_fields import Compressed, Rectified, Reliable
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
+_SIDES = 4  # more take longer and tell little
+_ALIKE = np.cos(np.deg2rad(15))
+
 
 class BoardNodeSettings(Settings):
     """Images of a camera that sees a printed board -> its poses in the frame of the board."""
@@ -50,6 +53,13 @@ class BoardNodeSettings(Settings):
         return board
 
 
+class _Side(NamedTuple):
+    """corners: (m, 2) [px], as of the board's `seen`. sight: (3,) unit vector to the camera."""
+
+    corners: NDArray[np.float64]
+    sight: NDArray[np.float64]
+
+
 class CameraByBoard(NamedTuple):
     """at: where the camera is. lens: as of `another_lens`."""
 
@@ -57,21 +67,49 @@ class CameraByBoard(NamedTuple):
     lens: str | None
 
 
-def camera_by_board(board: Board, picture: NDArray[np.uint8], lens: Lens,
-                    name: str) -> CameraByBoard:
-    """Where the camera is that took a grey picture (height, width) of a board.
+class BoardCamera:
+    """A camera that sees a board, picture by picture; the board rests.
 
-    The picture is of the lens's size. A large one is shrunk; distances of corners are in pixels of
-    what it becomes. name: of the picture.
-    Raises LightFieldError where it does not show the board, or does not tell the pose.
+    Paper is bent: how, pictures from several sides tell together, so that the last ones count.
     """
-    reduction = reduction_for(lens.pinhole.width, lens.pinhole.height)
-    pinhole = reduction.pinhole(lens.pinhole)
-    shrunk = reduction.shrunk(picture.astype(np.float32) / np.float32(255))
-    plain = replace(lens, pinhole=pinhole).undistorted(shrunk, pinhole)
-    seen = board.seen(np.rint(255 * plain).astype(np.uint8))
-    points, heights, boards = as_it_lies(board, {} if seen is None else {name: seen}, pinhole)
-    if not boards:
-        raise LightFieldError(f'{name} does not show the board {board.options}')
-    at = camera_at_board(boards, points, pinhole, heights)
-    return CameraByBoard(at, another_lens(boards, board, pinhole))
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._lens: Lens | None = None
+        self._sides: list[_Side] = []
+
+    def find(self, picture: NDArray[np.uint8], lens: Lens, name: str) -> CameraByBoard:
+        """Where the camera is that took a grey picture (height, width).
+
+        The picture is of the lens's size. A large one is shrunk; distances of corners are in
+        pixels of what it becomes. name: of the picture.
+        Raises LightFieldError where it does not show the board, or does not tell the pose.
+        """
+        if lens != self._lens:
+            self._lens = lens
+            self._sides.clear()
+        reduction = reduction_for(lens.pinhole.width, lens.pinhole.height)
+        pinhole = reduction.pinhole(lens.pinhole)
+        shrunk = reduction.shrunk(picture.astype(np.float32) / np.float32(255))
+        plain = replace(lens, pinhole=pinhole).undistorted(shrunk, pinhole)
+        seen = self._board.seen(np.rint(255 * plain).astype(np.uint8))
+        if seen is None:
+            raise LightFieldError(f'{name} does not show the board {self._board.options}')
+        before = {f'{name}, {number} sides before': each.corners
+                  for number, each in enumerate(self._sides)}
+        points, heights, boards = as_it_lies(self._board, before | {name: seen}, pinhole)
+        if name not in boards and before:  # the board may be another one, or bent otherwise
+            self._sides.clear()
+            points, heights, boards = as_it_lies(self._board, {name: seen}, pinhole)
+        if name not in boards:
+            raise LightFieldError(f'{name} does not show the board {self._board.options}')
+        at = camera_at_board({name: boards[name]}, points, pinhole, heights)
+        self._remember(seen, at.camera)
+        return CameraByBoard(at, another_lens(boards, self._board, pinhole))
+
+    def _remember(self, corners: NDArray[np.float64], camera: NDArray[np.float64]) -> None:
+        """The corners, in place of those that were seen from the same side; camera: (4, 4)."""
+        sight = camera[:3, 3] - self._board.points.mean(axis=0)
+        sight /= np.linalg.norm(sight)
+        others = [each for each in self._sides if each.sight @ sight < _ALIKE]
+        self._sides = [*others, _Side(corners, sight)][-_SIDES:]

@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import inverse
-from pmcl_ros.lightfield.board_camera import BoardNodeSettings, camera_by_board
+from pmcl_ros.lightfield.board_camera import BoardCamera, BoardNodeSettings
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_to_message
@@ -55,6 +55,7 @@ class BoardNode(StageNode):
 
     def start(self) -> None:
         """Listen."""
+        self._camera = BoardCamera(self._board)
         self._lens: Lens | None = None
         self._early: Picture | None = None  # the last picture that came without a lens
         self._lines = RepeatedLines()
@@ -89,7 +90,7 @@ class BoardNode(StageNode):
             picture = (picture >> 8).astype(np.uint8)
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
         try:
-            found = camera_by_board(self._board, grey, lens, 'the image')
+            found = self._camera.find(grey, lens, 'the image')
         except LightFieldError as error:
             with self.health.lock:
                 self.health.dropped += 1

@@ -5,12 +5,12 @@ import re
 import cv2
 import numpy as np
 import pytest
-from painted_boards import picture_of_board
+from painted_boards import picture_of_board, picture_of_sheet
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of
-from pmcl_ros.lightfield.board_camera import camera_by_board
+from pmcl_ros.lightfield.board_camera import BoardCamera
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.sweep.frame import Lens
@@ -26,7 +26,7 @@ def test_a_large_picture_is_shrunk_with_its_lens():
     small = picture_of_board(BOARD, SEEN, pinhole)
     large = np.kron(small, np.ones((2, 2), np.uint8))  # 2.5 megapixels
     distortion = (-0.02, 0.01, 0.0, 0.0)
-    found, same = (camera_by_board(BOARD, picture, Lens(of, distortion), 'a') for picture, of in (
+    found, same = (BoardCamera(BOARD).find(picture, Lens(of, distortion), 'a') for picture, of in (
         (large, pinhole.resized(1800, 1400)), (small, pinhole)))
     np.testing.assert_allclose(found.at.camera, same.at.camera, atol=1e-6)
     assert found.at.pixels == pytest.approx(same.at.pixels, rel=1e-3)
@@ -36,7 +36,7 @@ def test_a_large_picture_is_shrunk_with_its_lens():
                                             (850, 800 / 850 - 1)])
 def test_a_focal_length_that_is_clearly_another_is_told(fx, longer):
     pinhole = Pinhole(900, 700, 800, 800, 452, 347)
-    found = camera_by_board(BOARD, picture_of_board(BOARD, SEEN, pinhole),
+    found = BoardCamera(BOARD).find(picture_of_board(BOARD, SEEN, pinhole),
                             Lens(Pinhole(900, 700, fx, fx, 452, 347)), 'a')
     if not longer:
         assert found.lens is None
@@ -60,7 +60,36 @@ def test_corners_that_glass_shifts_do_not_move_the_camera():
     shifted[glass] = np.roll(picture, 5, axis=1)[glass]
     behind = (np.abs(exact - exact[0]) < 40).all(axis=1)
     assert np.isfinite(ring.seen(shifted)[behind]).any()  # and 5 px from where they are
-    found = camera_by_board(ring, shifted, lens, 'the image')
+    found = BoardCamera(ring).find(shifted, lens, 'the image')
     away = local(found.at.camera[None], inverse(pose))[0]
     assert np.linalg.norm(away[:3]) < 0.0005
     assert np.linalg.norm(away[3:]) < 0.0015
+
+
+def test_pictures_from_several_sides_tell_how_the_paper_is_bent():
+    pinhole, top = Pinhole(640, 480, 600, 600, 322, 238), 3e-3
+    middle = BOARD.points.mean(axis=0)
+
+    def curled(sign):  # z points into the table
+        return lambda places: -top * np.square((places - middle[:2]) @ [0.8, sign * 0.6] / 0.12)
+
+    def seen(camera, azimuth, bend):
+        turn = (Rotation.from_euler('x', 40, degrees=True)
+                * Rotation.from_euler('z', azimuth, degrees=True))
+        pose = pose_of(turn, [0, 0, 0.45] - turn.apply(middle))
+        picture = picture_of_sheet(BOARD, pose, pinhole, bend)
+        found = camera.find(picture, Lens(pinhole), 'the image')
+        assert found.lens is None
+        moved = (found.at.camera @ pose)[:3]  # what stands on the board
+        above = np.append(middle - [0, 0, 0.06], 1)
+        return np.linalg.norm(moved @ above - above[:3]), found.at
+
+    camera = BoardCamera(BOARD)
+    offs = [seen(camera, azimuth, curled(1))[0] for azimuth in (0, 60, 120)]
+    assert max(offs[1:]) < 0.2e-3
+    _, alone = seen(BoardCamera(BOARD), 160, curled(1))
+    _, together = seen(camera, 160, curled(1))
+    assert together.sigma_beside(BOARD.points)[0] < alone.sigma_beside(BOARD.points)[0]
+    # Another sheet in its place: after some pictures the sides before count no more.
+    offs = [seen(camera, azimuth, curled(-1))[0] for azimuth in (20, 80, 140, 200)]
+    assert max(offs[3:]) < 0.2e-3

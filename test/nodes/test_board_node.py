@@ -43,7 +43,7 @@ START, MS = 1_700_000_000_000_000_000, 1_000_000
 
 def camera_at(azimuth, height=50, distance=0.45):
     """(4, 4) a camera that looks at the middle of a board from there [degrees, m], to it."""
-    turn = Rotation.from_euler('zx', [azimuth, -90 - height], degrees=True)
+    turn = Rotation.from_euler('ZX', [azimuth + 90, -90 - height], degrees=True)
     return pose_of(turn, -distance * turn.as_matrix()[:, 2])
 
 
