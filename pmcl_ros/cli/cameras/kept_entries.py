@@ -4,11 +4,17 @@ from pathlib import Path
 from typing import Any
 
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
+from pmcl_ros.runtime.errors import SettingsError
 
 
 def read_earlier(path: Path) -> ViewsFile | None:
     """The views.yaml that is there; None: there is none. Raises SettingsError for a wrong one."""
-    return ViewsFile.load(path) if path.exists() else None
+    if not path.exists():
+        return None
+    try:
+        return ViewsFile.load(path)
+    except SettingsError as error:
+        raise SettingsError(f'{error}: what it says is kept; mend it, or remove it') from None
 
 
 def with_kept(values: dict[str, Any], earlier: ViewsFile | None) -> dict[str, Any]:
