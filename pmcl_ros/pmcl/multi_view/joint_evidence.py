@@ -1,6 +1,5 @@
 """The contour evidence of several views together: where poses are feasible, their refinement."""
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,13 +18,12 @@ from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Refine
 from pmcl_ros.pmcl.prior.orientation import Orientation
-from pmcl_ros.pmcl.prior.region import Region, regions_before
+from pmcl_ros.pmcl.prior.region import Region, out_of_view, regions_before
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
-_LOG = logging.getLogger(__name__)
 _AT_STAGES = 3, 5, 1000  # views at most by which coarse, fine and finest contours are refined
 
 
@@ -172,20 +170,35 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
     Only of views that see it. A picture of one colour there does not, where others do: a covered
     lens is no evidence that nothing is there. Raises LocalizationError where none sees it.
     """
-    seen = regions_before([(each.evidence.pinhole, each.camera_to_reference)
-                           for each in evidence.views], settings, model.radius,
-                          evidence.header.frame_id)
+    seen = regions_before(_cameras(evidence), settings, model.radius, evidence.header.frame_id)
+    blank = _blank(evidence, seen, model.radius)
+    return {number: region for number, region in seen.items() if number not in blank}
+
+
+def silent_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings
+                 ) -> dict[int, str]:
+    """Why the other views say nothing, by their numbers. Raises as `regions_seen`."""
+    seen = regions_before(_cameras(evidence), settings, model.radius, evidence.header.frame_id)
+    reasons = out_of_view(_cameras(evidence), settings, model.radius)
+    for number in _blank(evidence, seen, model.radius):
+        view = evidence.views[number].view
+        reasons[number] = 'its picture is of one colour where the region is' + (
+            f' ({view.name})' if view is not None and view.name else '')
+    return dict(sorted(reasons.items()))
+
+
+def _cameras(evidence: ViewsEvidence) -> list[tuple[Pinhole, NDArray[np.float64]]]:
+    return [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
+
+
+def _blank(evidence: ViewsEvidence, seen: dict[int, Region], radius: float) -> list[int]:
+    """The views whose pictures are of one colour in their regions; empty where all are."""
     blank = []
     for number, region in seen.items():
         view, pinhole = evidence.views[number].view, evidence.views[number].evidence.pinhole
-        if view is not None and _is_blank(view, pinhole, region.window(pinhole, model.radius)):
+        if view is not None and _is_blank(view, pinhole, region.window(pinhole, radius)):
             blank.append(number)
-    for number in blank if len(blank) < len(seen) else []:
-        view = evidence.views[number].view
-        _LOG.info('view %d says nothing: its picture is of one colour where the region is%s',
-                  number, f' ({view.name})' if view is not None and view.name else '')
-        del seen[number]
-    return seen
+    return blank if len(blank) < len(seen) else []
 
 
 def _is_blank(view: PosedView, pinhole: Pinhole, window: Window) -> bool:

@@ -119,7 +119,7 @@ class MultiViewLocalizer(Closing):
         That pictures were exchanged is left to the judge, too.
         """
         found = self._localized(evidence, rng, Stages(progress), _Request(others=others))
-        warn_of_unused(evidence, self._settings.roi_center, len(found.fits), found.estimate.lost)
+        warn_of_unused(evidence, self.model, self._settings, len(found.fits), found.estimate.lost)
         return found.estimate
 
     def _exchanged(self, evidence: ViewsEvidence, found: Found) -> tuple[int, int] | None:
@@ -135,7 +135,7 @@ class MultiViewLocalizer(Closing):
         seen: views of the evidence that see the region. used: evidence that it was found in.
         """
         if self._numbers is not None:  # they are being learned
-            warn_of_unused(evidence, self._settings.roi_center, seen, found.estimate.lost)
+            warn_of_unused(evidence, self.model, self._settings, seen, found.estimate.lost)
             return found.estimate
         warn_of_views(evidence, seen, found, self.model, self._settings)
         return with_surface(found.estimate, used, self.model, self._settings)

@@ -12,6 +12,7 @@ from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.multi_view.joint_evidence import silent_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
 from pmcl_ros.pmcl.prior.region import regions_before
@@ -36,7 +37,7 @@ def warn_of_views(evidence: ViewsEvidence, seen: int, found: Found, model: Objec
     lost, pictures = found.estimate.lost, evidence.pictures
     windows = _windows(pictures, model, settings) if lost and pictures is not None else {}
     seen = max(seen, len(windows))  # a picture of one colour sees it too
-    told = warn_of_unused(evidence, settings.roi_center, seen, lost)
+    told = warn_of_unused(evidence, model, settings, seen, lost)
     if lost and not told:
         warn_of_region(evidence, settings.roi_center, settings.roi_size, model.radius)
     if windows and pictures is not None:
@@ -57,13 +58,16 @@ def _windows(pictures: PosedViews, model: ObjectModel, settings: PmclSettings
             for number, region in seen.items()}
 
 
-def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], used: int,
+def warn_of_unused(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings, used: int,
                    is_lost: bool) -> bool:
     """Warn where so few views see the region that it is a mistake; of a lost object, not all.
 
-    Returns whether it did. center: (3,) of the region, in the reference frame [m]. used: number of
-    views that see any of the region. Where the object is lost, its middle counts.
+    Returns whether it did; at level info the log tells why of each view that says nothing. used:
+    number of views that see any of the region. Where the object is lost, its middle counts.
     """
+    for number, reason in silent_views(evidence, model, settings).items():
+        _LOG.info('view %d says nothing: %s', number, reason)
+    center = settings.roi_center
     cameras = [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
     given, what = len(cameras), 'the region of interest'
     if is_lost and used == given:
@@ -71,8 +75,8 @@ def warn_of_unused(evidence: ViewsEvidence, center: tuple[float, float, float], 
         used = sum(sees(*each, center) for each in cameras)
     if used >= (given if is_lost else given / 2):
         return False
-    _LOG.warning('%d of %d views see %s: %s (pmcl --verbose tells why of each)', used, given,
-                 what, likely_mistake(cameras, center))
+    _LOG.warning('%d of %d views see %s: %s (lines of level info tell why of each; of a command: '
+                 'pmcl --verbose)', used, given, what, likely_mistake(cameras, center))
     return True
 
 

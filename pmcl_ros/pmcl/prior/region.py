@@ -1,7 +1,6 @@
 """The region of interest: a box that holds the object's origin."""
 
 import itertools
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
-_LOG = logging.getLogger(__name__)
 Given = TypeVar('Given', bound=PmclSettings)
 _REACH = 0.1, 3.0  # m: depths at which a table is looked at, where none are given
 _SLACK = 0.02  # m: by which a table's plane may be off
@@ -127,9 +125,8 @@ class Region(Box):
         if sees(pinhole, np.eye(4), self.center):
             return ''
         x, y = pinhole.project(np.array(self.center))
-        center = ', '.join(f'{each:.3g}' for each in self.center)
-        return (f'the middle of the region of interest, ({center}) m, is outside of the image: at '
-                f'({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '
+        return (f'the middle of the region of interest, {_told(self.center)} m, is outside of the '
+                f'image: at ({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '
                 'the optical frame of the camera: x right, y down, z forward')
 
     def check_depths(self, depths: NDArray[np.float64]) -> None:
@@ -143,9 +140,9 @@ class Region(Box):
     def out_of_view(self, pinhole: Pinhole) -> LocalizationError:
         """The error for a box in which the object cannot be seen anywhere."""
         return LocalizationError(
-            f'the region of interest at {self.center} m of size {self.size} m is outside the '
-            f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '
-            'x right, y down, z forward')
+            f'the region of interest at {_told(self.center)} m of size {_told(self.size)} m is '
+            f'outside the image ({pinhole.width}x{pinhole.height}); it is in the optical frame of '
+            'the camera: x right, y down, z forward')
 
 
 def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
@@ -155,21 +152,37 @@ def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
     Only of cameras that can see an object in it. cameras: each with its pose (4, 4) in the
     reference frame frame_id. radius: of the object [m]. Raises LocalizationError where none can.
     """
-    seen = {}
+    seen = _before(cameras, settings, radius)[0]
+    if not seen:
+        raise LocalizationError(
+            f'none of the {len(cameras)} views sees the region of interest at '
+            f'{_told(settings.roi_center)} m of size {_told(settings.roi_size)} m in the frame '
+            f'{frame_id!r}: {_why_unseen(cameras, settings.roi_center)}')
+    return seen
+
+
+def out_of_view(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]], settings: PmclSettings,
+                radius: float) -> dict[int, str]:
+    """Why cameras do not see the region of interest, by their numbers, as `regions_before`."""
+    return _before(cameras, settings, radius)[1]
+
+
+def _before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]], settings: PmclSettings,
+            radius: float) -> tuple[dict[int, Region], dict[int, str]]:
+    seen, unseen = {}, {}
     for number, (pinhole, camera) in enumerate(cameras):
         try:
             region = Region.before_camera(camera, settings.roi_center, settings.roi_size)
             region.window(pinhole, radius)
         except LocalizationError as error:
-            _LOG.info('view %d says nothing: %s', number, error)
+            unseen[number] = str(error)
         else:
             seen[number] = region
-    if not seen:
-        raise LocalizationError(
-            f'none of the {len(cameras)} views sees the region of interest at '
-            f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
-            f'{frame_id!r}: {_why_unseen(cameras, settings.roi_center)}')
-    return seen
+    return seen, unseen
+
+
+def _told(values: Sequence[float]) -> str:
+    return f'({", ".join(f"{each:.3g}" for each in values)})'
 
 
 def _why_unseen(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],

@@ -144,7 +144,9 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
                                      *evidence.views))
     with caplog.at_level(logging.INFO):
         with_blind, without = found(CUP, blind), found(CUP, evidence)
-    assert 'view 0 says nothing' in caplog.text
+    assert [each for each in caplog.messages if 'says nothing' in each] == [
+        'view 0 says nothing: region of interest begins at -0.520 m: it must lie in front of the '
+        'camera (z forward)']
     assert 'views see the region' not in caplog.text
     mostly_blind = replace(blind, views=(blind.views[0], blind.views[0], blind.views[1]))
     assert found(CUP, mostly_blind, progress=lambda _: False) is not None

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -109,6 +110,12 @@ def test_window_is_no_larger_than_it_must_be():
 def test_a_region_outside_the_image_is_refused(center):
     with pytest.raises(LocalizationError, match=r'outside the image .*x right, y down'):
         Region(center, (0.1, 0.1, 0.1)).window(CAMERA, 0.05)
+
+
+def test_numbers_in_messages_are_rounded():
+    with pytest.raises(LocalizationError, match=re.escape('at (-2.33, 0, 0.5) m of size (0.1, 0.1'
+                                                          ', 0.333) m is outside')):
+        Region((-7 / 3, 0, 0.5), (0.1, 0.1, 1 / 3)).window(CAMERA, 0.05)
 
 
 def test_a_region_whose_middle_is_out_of_the_image_is_told():
