@@ -56,9 +56,9 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 @click.option('--simulate', type=click.IntRange(1), metavar='ARMS', help='In place of SOURCE: '
               'so many simulated arms, with the errors and the bound.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
-              help='Write mount_parent, mount_position and mount_rpy, a parameter file for '
-              'sweep_driver and grasp_node, with the covariance in a comment; of several fixed '
-              'cameras one for fixed_cameras.')
+              help='Write a parameter file for sweep_driver and grasp_node: mount_parent, '
+              'mount_position and mount_rpy, and the errors of the camera poses, with the '
+              'covariance in a comment; of several fixed cameras one for fixed_cameras.')
 @FORCE
 def handeye(source: Path | None, corners: str, ring: str | None, square: float | None,
             fixed_camera: bool, no_robot: bool, parent: str, shrink: int, simulate: int | None,
@@ -104,12 +104,37 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float |
         six = _six(found.camera)
         values = {} if fixed_camera else {'mount_parent': parent}
         values |= {'mount_position': six[:3], 'mount_rpy': six[3:]}
+        if not fixed_camera:
+            errors = camera_errors(found)
+            values |= errors
+            click.echo("errors of the camera's poses on each axis: "
+                       f'{1e3 * errors["sigma_position"]:.2f} mm, '
+                       f'{np.rad2deg(errors["sigma_rotation"]):.3f} degrees; '
+                       f'{100 * errors["common"]:.0f} % of their variance is in common')
         section, comment = '/**', ('# covariance: '
                                    f'{[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n')
     if out is not None:
         write_file(out, f'# pmcl handeye {source}\n' + yaml.safe_dump(
             {section: {'ros__parameters': values}}, default_flow_style=None, sort_keys=False)
             + comment)
+
+
+def camera_errors(found: HandEye) -> dict[str, float]:
+    """Errors of the poses of a camera on the arm, as parameters of sweep_driver.
+
+    Errors of the arm differ from picture to picture; that of the hand-eye transform is in common.
+    The link's rotation moves the camera, too. common: the larger of the shares of position and
+    rotation, as what views have in common does not average out.
+    """
+    place, turn = np.square(found.sigma)
+    reach = np.square(found.camera[:3, 3]).sum()
+    # A rotation about one axis in three does not move the camera along its direction.
+    arm = np.array([place + 2 / 3 * reach * turn, turn])
+    shared = np.diag(found.covariance).reshape(2, 3).mean(axis=1)
+    position, rotation = np.sqrt(arm + shared)
+    common = (shared / (arm + shared)).max()
+    return {name: float(f'{each:.3g}') for name, each in (
+        ('sigma_position', position), ('sigma_rotation', rotation), ('common', common))}
 
 
 def _at_board(source: Path, board: Board, shrink: int) -> dict[str, object]:

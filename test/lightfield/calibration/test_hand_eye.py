@@ -16,7 +16,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
-from pmcl_ros.cli.cameras.hand_eye import calibrated
+from pmcl_ros.cli.cameras.hand_eye import calibrated, camera_errors
 from pmcl_ros.geometry.se3 import inverse, local, retract, transform
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import hand_eye, park_martin
@@ -334,10 +334,37 @@ def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path
     collected = BagViews.load(out)
     assert collected.mount_parent == 'wrist'
     assert collected.mount_rpy == pytest.approx(tuple(values['mount_rpy']), rel=1e-12)
+    # Stated as they are estimated, and printed.
+    errors = camera_errors(calibrated(folder, BOARD, False))
+    assert errors == {name: values[name] for name in ('sigma_position', 'sigma_rotation',
+                                                      'common')}
+    assert errors == {name: getattr(collected, name) for name in errors}
+    assert (f"errors of the camera's poses on each axis: {1e3 * errors['sigma_position']:.2f} mm, "
+            f"{np.rad2deg(errors['sigma_rotation']):.3f} degrees; {100 * errors['common']:.0f} % "
+            'of their variance is in common') in result.output
     found = transform(values['mount_position'], values['mount_rpy'])
     off = local(camera[None], found)[0]
     assert np.linalg.norm(off[:3]) < 1e-3
     assert np.linalg.norm(off[3:]) < np.deg2rad(0.15)
+
+
+def test_the_errors_of_camera_poses_are_those_that_are_stated():
+    """Of simulated arms: poses that they report of their cameras are off by as much, and alike."""
+    squares, alike = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        arm = simulated_arm(rng, count=12, sigma=(4e-4, 2e-3))
+        found = hand_eye(arm.pictures, arm.board, arm.pinhole)
+        stated = camera_errors(found)
+        link = retract(np.tile(np.eye(4), (200, 1, 1)),
+                       rng.normal(size=(200, 6)) * np.repeat(arm.sigma, 3))
+        off = local(link @ found.camera, arm.camera) / np.repeat(
+            [stated['sigma_position'], stated['sigma_rotation']], 3)
+        squares.append(np.square(off).reshape(200, 2, 3).mean(axis=(0, 2)))
+        alike.append([*np.square(off.mean(axis=0)).reshape(2, 3).mean(axis=1), stated['common']])
+    np.testing.assert_allclose(np.mean(squares, axis=0), 1, atol=0.25)
+    place, turn, common = np.mean(alike, axis=0)
+    assert common == pytest.approx(max(place, turn), rel=0.4)
 
 
 def test_the_residuals_of_a_picture_that_is_left_out_are_told(taken, tmp_path):
