@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import click
 import numpy as np
@@ -11,6 +12,7 @@ from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.drawing.pictures import overlay, write_png
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.pmcl.appearance import Material
 from pmcl_ros.profiles.measure import measured
 from pmcl_ros.profiles.measured import MeshKind
 from pmcl_ros.profiles.outline import Box, resized
@@ -32,6 +34,9 @@ _UP = 0.0, 0.0, 1.0
               metavar='X Y Z', help='Approximate direction of the axis in the reference frame.')
 @click.option('--height', type=click.FloatRange(0, 2, min_open=True), metavar='METRES',
               help='Height of the object, if known; one view is then enough.')
+@click.option('--material', type=click.Choice(get_args(Material)), help='What the object is made '
+              'of, as `appearance` of the object YAML says it. Of a clear one no depth of the '
+              'surface is looked for.')
 @click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
               help='The object YAML; the mesh is written beside it.')
 @click.option('--mesh', 'kind', type=click.Choice(['stl', 'obj', 'ply']), default='stl',
@@ -41,8 +46,8 @@ _UP = 0.0, 0.0, 1.0
 @FORCE
 def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, float], ...],
             points: tuple[tuple[int, str], ...], up: tuple[float, float, float],
-            height: float | None, out: Path, kind: MeshKind, pictures: Path | None, as_json: bool,
-            force: bool) -> None:
+            height: float | None, material: Material | None, out: Path, kind: MeshKind,
+            pictures: Path | None, as_json: bool, force: bool) -> None:
     """Measure a vessel that SOURCE, posed views, shows, and write it as an object to look for.
 
     It is a surface of revolution, which stands alone in free view. Its outline is marked by --box
@@ -70,7 +75,8 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
         marked = boxes_in_window(views, 2 if height is None else 1, source.shrink)
     found = measured(views, marked, axis, height)
     out.parent.mkdir(parents=True, exist_ok=True)
-    found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')
+    found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}',
+                material)
     if results is not None:
         for name, view in zip(names, views, strict=True):
             pose = np.linalg.inv(view.camera_to_reference) @ found.pose

@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.appearance import Material
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings
 from pmcl_ros.profiles.revolution import Revolution
 from pmcl_ros.runtime.outputs import writing
@@ -78,10 +79,13 @@ class MeasuredProfile:
         return {'object_to_reference': self.pose.tolist(), 'profile': self.rows.tolist(),
                 'evidence': self.evidence, 'least_evidence': self.least}
 
-    def write(self, path: Path, mesh: Path, comment: str) -> None:
+    def write(self, path: Path, mesh: Path, comment: str, material: Material | None = None
+              ) -> None:
         """Write an object YAML, and the mesh that it names. Raises as `Settings.save`."""
         with writing(mesh):
             self.mesh.export(mesh)
         ObjectSettings.make({
-            'mesh': mesh.name, 'symmetries_continuous': [{'axis': (0.0, 0.0, 1.0)}],
-            'profile': np.round(self.rows, 6).tolist()}).save(path, comment)
+            'mesh': mesh.name, 'scale': 1.0,
+            'symmetries_continuous': [{'axis': (0.0, 0.0, 1.0)}],
+            **({} if material is None else {'appearance': {'material': material}}),
+            'profile': np.round(self.rows, 6).tolist()}).save(path, comment, given_only=True)

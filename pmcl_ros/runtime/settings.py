@@ -137,14 +137,15 @@ class Settings(BaseModel):
         """Read a YAML file of exactly these fields."""
         return cls.make(read_yaml(path), str(path))
 
-    def save(self, path: Path | str, comment: str = '') -> None:
+    def save(self, path: Path | str, comment: str = '', given_only: bool = False) -> None:
         """Write the YAML file that `load` reads, `comment` lines first.
 
-        Raises OutputError when the file cannot be written, and for the name of a file that is no
-        UTF-8: nobody could read it again.
+        given_only: without the fields that were not given, which have their defaults. Raises
+        OutputError when the file cannot be written, and for the name of a file that is no UTF-8:
+        nobody could read it again.
         """
         lines = ''.join(f'# {line}\n' for line in comment.splitlines())
-        values = self.model_dump(mode='json')
+        values = self.model_dump(mode='json', exclude_unset=given_only)
         try:
             json.dumps(values, ensure_ascii=False).encode()
         except UnicodeEncodeError as error:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from command_line import Runner
 from conftest import PLACE, UP, boxes_about, camera, masks_of, pictured, radius, solid
 
@@ -25,7 +26,7 @@ def _box_options(boxes):
 def test_command_measures_the_profile_and_writes_an_object(folder, boxes, tmp_path):
     out = tmp_path / 'glass.yaml'
     found = _run(folder, *_box_options(boxes), '-o', out, '--mesh', 'obj', '--json',
-                 '--pictures', tmp_path / 'pictures')
+                 '--pictures', tmp_path / 'pictures', '--material', 'glass')
     assert found.exit_code == 0, found.output
     told = json.loads(found.stdout.splitlines()[0])  # before click 8.2 stderr comes with it
     pose = np.array(told['object_to_reference'])
@@ -41,6 +42,9 @@ def test_command_measures_the_profile_and_writes_an_object(folder, boxes, tmp_pa
     assert np.median(sigma) < 1e-3
     model = ObjectModel.load(out)
     assert model.closed
+    assert model.clear
+    written = yaml.safe_load(out.read_text())
+    assert written['appearance'] == {'material': 'glass'}
     np.testing.assert_array_equal(model.axis, UP)
     assert np.ptp(model.vertices[:, 2]) == pytest.approx(np.ptp(heights), abs=1e-6)
     assert len(list((tmp_path / 'pictures').glob('*.png'))) == 3
@@ -58,6 +62,7 @@ def test_boxes_are_of_the_pictures_before_they_are_shrunk(folder, boxes, tmp_pat
         assert found.exit_code == 0, found.output
         told = json.loads(found.stdout.splitlines()[0])
         heights.append(np.ptp(np.array(told['profile'])[:, 0]))
+        assert not ObjectModel.load(tmp_path / f'{shrink}.yaml').clear  # as nothing was said
     assert heights[1] == pytest.approx(heights[0], abs=4e-3)
 
 
