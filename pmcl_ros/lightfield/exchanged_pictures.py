@@ -1,7 +1,8 @@
-"""PosedViews -> which two pictures were exchanged, by what they show around the object.
+"""PosedViews -> which pictures have the poses of others, by what they show around the object.
 
-Where two views see an object, exchanged pictures can show it too, at a wrong place: rays of two
-cameras at one height meet somewhere.
+Two were exchanged, or all are shifted by one against the list of poses, the last to the first.
+Where two views see an object, such pictures can show it too, at a wrong place: rays of two cameras
+at one height meet somewhere.
 """
 
 from collections.abc import Sequence
@@ -14,25 +15,21 @@ from pmcl_ros.lightfield.camera_adjustment import NEXT, PairFit, pair_fits
 from pmcl_ros.lightfield.features import MATCHED, features_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 
-_ODDS = 1000.0  # to one that no two pictures were exchanged
+_ODDS = 1000.0  # to one that pictures are in the order of the poses
 _SEEN = 5  # of the six unknowns of a relative pose: matches do not see its scale
 _GOOD = 0.25  # of what `PairFit` allows: a standard deviation of a good arm's poses
 
 
-def exchanged_pictures(pictures: PosedViews) -> tuple[int, int] | None:
-    """Numbers of the two views that fit the surroundings if their poses are exchanged.
+def right_order(pictures: PosedViews) -> tuple[int, ...] | None:
+    """Of each picture the number of the view with whose pose it fits the surroundings.
 
-    None where they fit almost as well as they are, where nothing fits, and where too few features
-    match.
+    Two are exchanged, or all are shifted by one. None where they fit almost as well as they are,
+    where nothing fits, and where too few features match.
     """
     views = pictures.views
     given = np.array([each.camera_to_reference for each in views])
-    tried = [pair for pair in combinations(range(len(views)), 2) if pair[1] - pair[0] <= NEXT]
-    cameras = [given]
-    for one, other in tried:
-        exchanged = given.copy()
-        exchanged[[one, other]] = given[[other, one]]
-        cameras.append(exchanged)
+    tried = _orders(len(views))
+    cameras = [given, *(given[[*order]] for order in tried)]
     pairs = pair_fits(views, [features_of(each) for each in views], cameras)
     if not pairs:
         return None
@@ -43,6 +40,16 @@ def exchanged_pictures(pictures: PosedViews) -> tuple[int, int] | None:
     # A pattern that repeats matches wrongly: it fits neither poses, nor others well.
     fits = all(each.distances[best] <= _GOOD * each.allowed for each in pairs)
     return tried[best - 1] if fits else None
+
+
+def _orders(number: int) -> list[tuple[int, ...]]:
+    """Those that are tried: two near each other exchanged, all shifted by one either way."""
+    plain = [*range(number)]
+    orders = [(*plain[:one], other, *plain[one + 1:other], one, *plain[other + 1:])
+              for one, other in combinations(plain, 2) if other - one <= NEXT]
+    if number > 2:  # of two views it is an exchange
+        orders += [(number - 1, *plain[:-1]), (*plain[1:], 0)]
+    return orders
 
 
 def _log_likelihoods(pairs: Sequence[PairFit]) -> NDArray[np.float64]:

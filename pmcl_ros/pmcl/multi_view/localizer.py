@@ -12,7 +12,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.multi_view.exchange import exchanged_views
+from pmcl_ros.pmcl.multi_view.exchange import order_of_views
 from pmcl_ros.pmcl.multi_view.found import Found
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
@@ -22,7 +22,7 @@ from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.multi_view.second_hypothesis import second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.multi_view.view_warnings import (
-    warn_of_exchange,
+    warn_of_order,
     warn_of_unused,
     warn_of_views,
 )
@@ -94,8 +94,8 @@ class MultiViewLocalizer(Closing):
             ending = Stages(lambda _: stages.go_on(1.0))
             found, used = second_hypothesis(evidence, first, lambda views: self._localized(
                 views, rng, ending, replace(request, also=first.modes)))
-        if (exchanged := self._exchanged(evidence, found)) is not None:
-            warn_of_exchange(exchanged)
+        if (order := self._other_order(evidence, found)) is not None:
+            warn_of_order(order)
             return replace(first.estimate, lost=True)
         return self._told(evidence, len(first.fits), found, used)
 
@@ -108,7 +108,7 @@ class MultiViewLocalizer(Closing):
         """
         found = self._localized(evidence, rng, Stages(progress or (lambda _: True)),
                                 _Request(watch=watch, near=near))
-        if found.estimate.lost or self._exchanged(evidence, found) is not None:
+        if found.estimate.lost or self._other_order(evidence, found) is not None:
             return replace(found.estimate, lost=True)
         return self._told(evidence, len(found.fits), found, evidence)
 
@@ -116,17 +116,17 @@ class MultiViewLocalizer(Closing):
                   others: OtherObjects) -> PoseEstimate:
         """As `localize`, of an object that other evidence judges: this says no more about it.
 
-        That pictures were exchanged is left to the judge, too.
+        That pictures are in another order is left to the judge, too.
         """
         found = self._localized(evidence, rng, Stages(progress), _Request(others=others))
         warn_of_unused(evidence, self.model, self._settings, len(found.fits), found.estimate.lost)
         return found.estimate
 
-    def _exchanged(self, evidence: ViewsEvidence, found: Found) -> tuple[int, int] | None:
-        """The two views whose pictures were exchanged, which makes what was found wrong."""
+    def _other_order(self, evidence: ViewsEvidence, found: Found) -> tuple[int, ...] | None:
+        """The order of the poses that fits, if it is another, which makes what was found wrong."""
         if self._numbers is not None or found.estimate.lost:
             return None
-        return exchanged_views(evidence, found)
+        return order_of_views(evidence, found)
 
     def _told(self, evidence: ViewsEvidence, seen: int, found: Found, used: ViewsEvidence
               ) -> PoseEstimate:

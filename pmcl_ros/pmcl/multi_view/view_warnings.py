@@ -126,10 +126,16 @@ def warn_of_pictures(views: Sequence[PosedView], windows: Mapping[int, Window],
         _LOG.warning('lost, and %s', each)
 
 
-def warn_of_exchange(exchanged: tuple[int, int]) -> None:
-    """Warn of two views of a lost object whose pictures were exchanged."""
-    _LOG.warning('lost: what is around the object fits the camera poses only if those of views %d '
-                 'and %d are exchanged; is each picture with its own pose?', *exchanged)
+def warn_of_order(order: Sequence[int]) -> None:
+    """Warn of a lost object whose views have each other's poses, as of `right_order`."""
+    moved = [number for number, other in enumerate(order) if other != number]
+    if len(moved) == 2:
+        change = f'those of views {moved[0]} and {moved[1]} are exchanged'
+    else:
+        change = (f'they are shifted by one: view 0 has that of view {order[0]}, view 1 that of '
+                  f'view {order[1]}, and so on')
+    _LOG.warning('lost: what is around the object fits the camera poses only if %s; is each '
+                 'picture with its own pose?', change)
 
 
 def warn_of_disagreement(fits: Sequence[ViewFit], least: float) -> None:

@@ -726,6 +726,26 @@ def test_exchanged_pictures_at_both_ends_show_no_object(context, caplog, angles)
     assert f'those of views 0 and {len(angles) - 1} are exchanged; is each' in line
 
 
+@pytest.mark.parametrize('way', [-1, 1])
+def test_pictures_that_are_shifted_by_one_show_no_object(context, caplog, way):
+    """Two of three agree on a wrong pose; the third is hidden, as it seems."""
+    upright, cameras = Rotation.from_euler('x', 90, degrees=True), around([-28, 0, 28])
+    truth = pose_of(upright, np.add(MIDDLE, (0.02, 0.005, -0.014)))
+    told = np.roll(cameras, way, axis=0)
+    evidence = seen_by_others(maps_seen(context, CUP, truth, cameras), told,
+                              views_of_planes(cameras, told))
+    blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    claimed = found(CUP, blind)
+    assert not claimed.lost
+    assert error(CUP, claimed.pose, truth)[0] > 10
+    caplog.clear()
+    assert found(CUP, evidence).lost
+    line, = caplog.messages
+    first, second = np.roll(range(3), -way)[:2]
+    assert (f'they are shifted by one: view 0 has that of view {first}, view 1 that of view '
+            f'{second}, and so on; is each') in line
+
+
 def test_an_exchange_is_no_matter_where_the_others_show_the_object(context, caplog):
     truth, cameras = truth_of(CUP), around([-28, -14, 0, 14, 28])
     told = cameras[[0, 2, 1, 3, 4]]
