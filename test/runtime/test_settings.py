@@ -174,8 +174,9 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
         read_yaml(tmp_path / 'none.yaml')
     with pytest.raises(SettingsError, match=r'cannot read .*: Is a directory'):
         read_yaml(tmp_path)
-    with pytest.raises(OutputError, match=r'cannot write .*none.yaml: No such file'):
-        Example().save(tmp_path / 'none' / 'none.yaml')
+    Example().save(tmp_path / 'made' / 'none.yaml')
+    with pytest.raises(OutputError, match=r'cannot write .*none.yaml: .* is no folder'):
+        Example().save(tmp_path / 'made' / 'none.yaml' / 'none.yaml')
 
 
 @pytest.mark.parametrize('kind', [CameraSettings, DecodeSettings, Calibration, Lattice])
