@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.bent_board import USUAL_ASIDE, bent
+from pmcl_ros.lightfield.calibration.bent_board import USUAL_ASIDE, BentBoard, bent
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, lens_error
@@ -51,12 +51,18 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
         return LyingBoard(board.points, np.zeros((len(board.points), 0)), {})
     found = bent(near, board.points, pinhole)
     sigma = np.linalg.norm(found.heights, axis=1)
-    less = np.eye(len(sigma)) - _plane_below(found.points[:, :2],
-                                             board.up * found.points[:, 2] + sigma)
+    less = np.eye(len(sigma)) - _shown(found) * _plane_below(
+        found.points[:, :2], board.up * found.points[:, 2] + sigma)
     points = np.concatenate([found.points[:, :2], less @ found.points[:, 2:]], axis=1)
     return LyingBoard(points, less @ found.heights, near if isinstance(board, Checkerboard) else {
         name: each for name, seen in near.items()
         if (each := board.agreeing(seen, pinhole, points)) is not None})
+
+
+def _shown(found: BentBoard) -> float:
+    """Which share of the bend is no noise, 0 to 1 (James and Stein, 1961)."""
+    square = np.square(np.linalg.pinv(found.heights) @ found.points[:, 2]).sum()
+    return max(0.0, 1 - found.heights.shape[1] / float(square)) if square > 0 else 0.0
 
 
 def _plane_below(places: NDArray[np.float64], heights: NDArray[np.float64]
