@@ -293,10 +293,13 @@ def _warn_of_scale(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose
     arm = np.array([each.mount_to_base for each in pictures])
     mounts = inverse(arm) if fixed else arm
     seen = np.array([each[0] for each in boards])
-    scale = _scale(mounts, seen)
+    # Of all: without one of them, the turns of the others may have one axis.
+    rotation = park_martin(mounts, seen)[:3, :3]
+    scale = _scale(mounts, seen, rotation)
     number = len(mounts)
-    without = np.array([_scale(np.delete(mounts, each, axis=0), np.delete(seen, each, axis=0))
-                        for each in range(number)])
+    without = np.array([
+        _scale(np.delete(mounts, each, axis=0), np.delete(seen, each, axis=0), rotation)
+        for each in range(number)])
     sigma = np.sqrt((number - 1) * np.square(without - without.mean()).mean())  # the jackknife's
     least, times = _CLEAR_SCALE
     if abs(scale - 1) > max(least, times * sigma):
@@ -307,9 +310,12 @@ def _warn_of_scale(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose
             100 * abs(scale - 1), 'larger' if scale > 1 else 'smaller', 100 * sigma)
 
 
-def _scale(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> float:
-    """Size of the board by the arm's motions, as a share of that told."""
-    by_arm, by_boards = _along(*_motions(mounts, seen), park_martin(mounts, seen)[:3, :3])
+def _scale(mounts: NDArray[np.float64], seen: NDArray[np.float64],
+           rotation: NDArray[np.float64]) -> float:
+    """Size of the board by the arm's motions, as a share of that told. rotation: (3, 3) of the
+    camera in the mount.
+    """
+    by_arm, by_boards = _along(*_motions(mounts, seen), rotation)
     return float(by_arm @ by_boards / (by_boards @ by_boards))
 
 

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
 from pmcl_ros.cli.cameras.hand_eye import calibrated, camera_errors
-from pmcl_ros.geometry.se3 import inverse, local, retract, transform
+from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract, transform
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.hand_eye import hand_eye, park_martin
+from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, hand_eye, park_martin
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.messages.bag_views import BagViews
@@ -254,6 +254,21 @@ def test_squares_of_another_side_are_told(caplog, size, says, fixed):
         assert told[2] == says
         assert float(told[1]) == pytest.approx(abs(100 / size - 100), abs=3 * float(told[3]) + 0.1)
         assert off > 5
+
+
+def test_one_picture_alone_may_turn_about_a_second_axis():
+    arm = simulated_arm(np.random.default_rng(3))
+    placed, pictures = transform([0.5, 0.2, 0.1], [0.1, 0.2, 0.3]), []
+    rng = np.random.default_rng(5)
+    for number, angles in enumerate([(-40, 0), (-20, 0), (0, 0), (20, 0), (40, 0), (0, 40)]):
+        turn = Rotation.from_euler('xy', angles, degrees=True)
+        seen = pose_of(turn, [0, 0, 0.5] - turn.apply(arm.board.mean(axis=0))
+                       + rng.normal(0, 0.02, 3))
+        pictures.append(BoardPicture(
+            str(number), arm.pinhole.project(arm.board @ seen[:3, :3].T + seen[:3, 3]),
+            placed @ inverse(arm.camera @ seen)))
+    found = hand_eye(pictures, arm.board, arm.pinhole)
+    np.testing.assert_allclose(found.camera, arm.camera, atol=1e-6)
 
 
 def test_a_focal_length_of_another_zoom_is_told(caplog):
