@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
@@ -97,14 +98,23 @@ class BoardCamera:
             raise LightFieldError(f'{name} does not show the board {self._board.options}')
         before = {f'{name}, {number} sides before': each.corners
                   for number, each in enumerate(self._sides)}
-        points, heights, boards = as_it_lies(self._board, before | {name: seen}, pinhole)
-        if name not in boards and before:  # the board may be another one, or bent otherwise
-            self._sides.clear()
-            points, heights, boards = as_it_lies(self._board, {name: seen}, pinhole)
+        try:
+            found = self._found(before | {name: seen}, name, pinhole)
+        except LightFieldError:
+            if not before:
+                raise
+            found = self._found({name: seen}, name, pinhole)
+            self._sides.clear()  # the board is another one, or bent otherwise
+        self._remember(seen, found.at.camera)
+        return found
+
+    def _found(self, seen: dict[str, NDArray[np.float64]], name: str, pinhole: Pinhole
+               ) -> CameraByBoard:
+        """By the picture of a name, and the bend that all tell together; as `find`."""
+        points, heights, boards = as_it_lies(self._board, seen, pinhole)
         if name not in boards:
             raise LightFieldError(f'{name} does not show the board {self._board.options}')
         at = camera_at_board({name: boards[name]}, points, pinhole, heights)
-        self._remember(seen, at.camera)
         return CameraByBoard(at, another_lens(boards, self._board, pinhole))
 
     def _remember(self, corners: NDArray[np.float64], camera: NDArray[np.float64]) -> None:

@@ -93,3 +93,20 @@ def test_pictures_from_several_sides_tell_how_the_paper_is_bent():
     # Another sheet in its place: after some pictures the sides before count no more.
     offs = [seen(camera, azimuth, curled(-1))[0] for azimuth in (20, 80, 140, 200)]
     assert max(offs[3:]) < 0.2e-3
+
+
+def test_a_sheet_that_is_bent_far_otherwise_is_seen_at_once():
+    pinhole, middle = Pinhole(640, 480, 600, 600, 322, 238), BOARD.points.mean(axis=0)
+    camera = BoardCamera(BOARD)
+    for azimuth, side in [(20, 0.6), (80, 0.6), (140, 0.6), (200, 0.6), (47, -0.6)]:
+        turn = (Rotation.from_euler('x', 40, degrees=True)
+                * Rotation.from_euler('z', azimuth, degrees=True))
+        pose = pose_of(turn, [0, 0, 0.5] - turn.apply(middle))
+        picture = picture_of_sheet(
+            BOARD, pose, pinhole,
+            lambda places, side=side: -0.015 * np.square((places - middle[:2]) @ [0.8, side]
+                                                         / 0.12))
+        found = camera.find(picture, Lens(pinhole), 'the image')
+        moved = (found.at.camera @ pose)[:3]
+        above = np.append(middle - [0, 0, 0.06], 1)
+        assert np.linalg.norm(moved @ above - above[:3]) < 0.5e-3
