@@ -30,26 +30,33 @@ class BentBoard:
     """points: (m, 3) the corners as they lie [m], in the frame of the plane through them.
     heights: (m, k) a root of the covariance of their z [m]: times its transpose it is that.
     camera: (8,) fx, fy, cx, cy [px], k1, k2, p1, p2. covariance: (q, q) of what of it was
-    adjusted. pixels: (n,) rms distances of each picture's corners from where they are expected
-    [px].
+    adjusted. off: (n, m) distances of each picture's corners from where they are expected [px],
+    NaN: not seen.
     """
 
     points: NDArray[np.float64]
     heights: NDArray[np.float64]
     camera: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    pixels: NDArray[np.float64]
+    off: NDArray[np.float64]
+
+    @property
+    def pixels(self) -> NDArray[np.float64]:
+        """(n,) rms distances of each picture's corners [px]."""
+        return np.asarray(np.sqrt(np.nanmean(np.square(self.off), axis=1)))
 
 
-def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64], pinhole: Pinhole
-         ) -> BentBoard:
+def bent(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64], pinhole: Pinhole,
+         near: Mapping[str, NDArray[np.float64]] | None = None) -> BentBoard:
     """The board as it lies, by pictures of a camera without distortion.
 
     pictures: by name, (m, 2) corners [px], NaN: not seen; some may be wrong. Each shows eight or
-    more, not all on a line. flat: (m, 3) the corners [m], z = 0.
+    more, not all on a line. flat: (m, 3) the corners [m], z = 0. near: of the same pictures, the
+    corners by which poses begin, fewer of which are wrong.
     Raises LightFieldError for corners that are those of no board.
     """
-    return _adjusted(pictures, flat, _undistorted(pinhole), np.zeros((_CAMERA, 0)), np.zeros(0))
+    return _adjusted(pictures, flat, _undistorted(pinhole), np.zeros((_CAMERA, 0)), np.zeros(0),
+                     near)
 
 
 def bent_with_camera(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
@@ -91,25 +98,28 @@ class _Values(NamedTuple):
 
 def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
               camera: NDArray[np.float64], onto: NDArray[np.float64],
-              prior: NDArray[np.float64]) -> BentBoard:
+              prior: NDArray[np.float64],
+              near: Mapping[str, NDArray[np.float64]] | None = None) -> BentBoard:
     """Poses, bend, and what is unknown of the camera, adjusted together.
 
     camera: (8,) to begin with. onto: (8, q) its derivatives by what is unknown. prior: (q,)
-    inverse variances of that.
+    inverse variances of that. near: as of `bent`.
     A sheet that seems flat but for corners that are wrong may be bent instead: two beginnings.
     """
     bundle = _Bundle(pictures, flat, camera, onto, prior)
-    begun = bundle.start()
-    each = [bundle.adjusted(start, _BEND)
+    begun = bundle.start(pictures if near is None else near)
+    ends = [bundle.adjusted(start, _BEND)
             for start in (begun, bundle.adjusted(begun, _LARGE_BEND))]
-    found = min(each, key=lambda values: bundle.cost(values, _BEND))
+    found = min(ends, key=lambda values: bundle.cost(values, _BEND))
     _, information = bundle.step(found, _BEND)
     every = bundle.spread(found) * np.asarray(np.linalg.inv(information), float)
     unknown = onto.shape[1]
-    pixels = [np.sqrt(np.square(each).sum(axis=1).mean()) for each in bundle.off(found)]
+    off = np.full((len(pictures), len(flat)), np.nan)
+    for row, seen, each in zip(off, pictures.values(), bundle.off(found), strict=True):
+        row[np.isfinite(seen).all(axis=1)] = np.linalg.norm(each, axis=1)
     heights = bundle.terms @ np.linalg.cholesky(every[unknown:, unknown:])
     return BentBoard(bundle.points(found), heights, bundle.camera(found),
-                     every[:unknown, :unknown], np.array(pixels))
+                     every[:unknown, :unknown], off)
 
 
 class _Bundle:
@@ -130,10 +140,12 @@ class _Bundle:
         self._unknown = onto.shape[1]
         self.count = sum(map(len, self._corners))
 
-    def start(self) -> _Values:
-        """Flat, by each picture alone."""
+    def start(self, pictures: Mapping[str, NDArray[np.float64]]) -> _Values:
+        """Flat, by each picture's corners (m, 2) alone."""
         poses = []
-        for corners, own in zip(self._corners, self._shown, strict=True):
+        for seen in pictures.values():
+            own = np.isfinite(seen).all(axis=1)
+            corners = seen[own]
             pose = sheet_pose(self._flat[own], corners, _matrix(self._camera), self._camera[4:])
             poses.append(np.concatenate(pose))
         return self._with_variance(_Values(

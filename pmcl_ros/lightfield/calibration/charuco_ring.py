@@ -164,12 +164,22 @@ class CharucoRing:
         """
         shown = np.flatnonzero(np.isfinite(corners[:, 0]))
         plane = self.points[shown, :2]
-        off = _off(_homography(plane, corners[shown]), plane, corners[shown])
-        return self._only(corners, shown[off < max(_OUTLIER * float(np.median(off)), _NOISE)])
+        off = np.full(len(corners), np.nan)
+        off[shown] = _off(_homography(plane, corners[shown]), plane, corners[shown])
+        return self.near(corners, off)
+
+    def near(self, corners: NDArray[np.float64], off: NDArray[np.float64]
+             ) -> NDArray[np.float64] | None:
+        """What `seen` gives, without corners that are much farther off than most.
+
+        off: (n,) distances from where they are expected [px], NaN: not seen.
+        """
+        most = max(_OUTLIER * float(np.nanmedian(off)), _NOISE)
+        return self._only(corners, np.flatnonzero(off < most))
 
     def agreeing(self, corners: NDArray[np.float64], pinhole: Pinhole,
                  points: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """What `near_plane` gives, without corners that are off where the others have them.
+        """What `near` gives, without corners that are off where the others have them.
 
         points: as `points`, of a sheet that may be bent.
         """

@@ -49,14 +49,23 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
         if (each := board.near_plane(seen)) is not None}
     if not near:
         return LyingBoard(board.points, np.zeros((len(board.points), 0)), {})
-    found = bent(near, board.points, pinhole)
+    # Corners of paper that is curled may be as far off a plane as those behind glass: what is
+    # common to several pictures is the paper.
+    seen = near if len(near) == 1 else {name: pictures[name] for name in near}
+    found = bent(seen, board.points, pinhole, near)
     sigma = np.linalg.norm(found.heights, axis=1)
     less = np.eye(len(sigma)) - _shown(found) * _plane_below(
         found.points[:, :2], board.up * found.points[:, 2] + sigma)
     points = np.concatenate([found.points[:, :2], less @ found.points[:, 2:]], axis=1)
-    return LyingBoard(points, less @ found.heights, near if isinstance(board, Checkerboard) else {
-        name: each for name, seen in near.items()
-        if (each := board.agreeing(seen, pinhole, points)) is not None})
+    if isinstance(board, Checkerboard):
+        return LyingBoard(points, less @ found.heights, near)
+    kept = {}
+    for (name, corners), off in zip(seen.items(), found.off, strict=True):
+        each = board.near(corners, off)
+        each = None if each is None else board.agreeing(each, pinhole, points)
+        if each is not None:
+            kept[name] = each
+    return LyingBoard(points, less @ found.heights, kept)
 
 
 def _shown(found: BentBoard) -> float:

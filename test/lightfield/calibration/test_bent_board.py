@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from painted_boards import picture_of_sheet
@@ -11,6 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.lightfield.calibration.bent_board import bent
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
 from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
@@ -185,6 +187,31 @@ def test_a_picture_of_another_zoom_is_left_out_beside_a_sheet_that_is_bent(heigh
         found = fit_intrinsics(pictures, BOARD.points, 1280, 960)
         assert found.left_out == ('zoomed.png',)
         assert found.pinhole.fx == pytest.approx(PINHOLE.fx, abs=4 * found.sigma[0])
+
+
+@pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
+                    reason='OpenCV before 4.7')
+@pytest.mark.parametrize('shift', [0, 1.5, 4])
+def test_a_ring_may_be_curled_along_a_side(shift):
+    """Most of its corners, of two sides, are then on one plane; those behind glass are not."""
+    ring = CharucoRing(8, 11, 0.024)
+    points = ring.points.copy()
+    points[:, 2] = TOP * np.square(points[:, 1] / 0.12)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        poses = [pose_of(Rotation.from_euler('x', 180, degrees=True) * Rotation.from_matrix(
+            each[:3, :3]), [0, 0, 0.45]) for each in views(rng, 3)]
+        pictures, behind = seen(rng, poses, points), {}
+        for name, corners in pictures.items():
+            behind[name] = np.argsort(np.linalg.norm(corners - rng.choice(corners), axis=1))[:5]
+            corners[behind[name]] += shift * rng.choice([-1, 1], 2)
+        found = as_it_lies(ring, pictures, PINHOLE)
+        assert found.points[:, 2] == pytest.approx(points[:, 2], abs=0.5e-3)
+        for name, corners in found.pictures.items():
+            shown = np.isfinite(corners[:, 0])
+            assert shown[behind[name]].any() == (shift == 0)
+            assert shown.sum() >= 23
+        assert len(found.pictures) == 3
 
 
 def test_in_pictures():
