@@ -24,7 +24,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
 _SIDES = 4  # more take longer and tell little
-_ALIKE = np.cos(np.deg2rad(15))
+_ALIKE = np.cos(np.deg2rad(15))  # of two sights of one side: nearer ones tell the same
 
 
 class BoardNodeSettings(Settings):

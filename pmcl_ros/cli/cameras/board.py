@@ -11,6 +11,7 @@ from rich.progress import track
 
 from pmcl_ros.cli.base import CAMERA, FORCE, STDERR, Needed
 from pmcl_ros.cli.cameras.board_pictures import (
+    ASK_LENS,
     RestingCameras,
     board_of,
     board_options,
@@ -144,8 +145,7 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
                f'{1e3 * np.abs(points[:, 2]).max():.2f} mm above the table')
     used = {str(each['file']): agreeing[str(each['file'])] for each in views}
     if (lens := another_lens(used, printed, pinhole)) is not None:
-        click.echo(f'the boards fit best with {lens}: is the calibration of this camera, '
-                   'resolution, zoom and focus?', err=True)
+        click.echo(f'the boards fit best with {lens}: {ASK_LENS}', err=True)
     write_file(path, f'# pmcl board-poses {pictures} --camera {camera} {printed.options}\n'
            + yaml.safe_dump(with_kept(
                {'reference': listed.reference, 'cameras': cameras, 'views': views}, earlier),

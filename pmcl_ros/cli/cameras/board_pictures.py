@@ -21,6 +21,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 RING = click.option('--ring', metavar='COLUMNSxROWS', help='In place of --corners: squares along '
                     'the sides of a ring of markers, as 8x11. An object may stand in its middle.')
+ASK_LENS = 'is the calibration of this camera, resolution, zoom and focus?'
 _OPTIONS = (
     click.option('--corners', metavar='COLUMNSxROWS', help='Inner corners of the checkerboard, as '
                  '10x7; one number odd, the other even.'),

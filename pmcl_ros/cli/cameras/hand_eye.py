@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli.base import FORCE, STDERR, Needed
 from pmcl_ros.cli.cameras.board_pictures import (
+    ASK_LENS,
     RING,
     RestingCameras,
     board_of,
@@ -25,12 +26,12 @@ from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
 from pmcl_ros.lightfield.calibration.printed_board import Board, another_lens
-from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
+from pmcl_ros.simulation.simulated_arm import simulated_arm
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
 _SQUARE = 0.011  # m: of a checkerboard, by default
@@ -236,8 +237,7 @@ def cameras_at_board(source: Path, board: Board, shrink: int = 1
         except LightFieldError as error:
             raise LightFieldError(f'{path}: {name}: {error}') from None
         if lens is not None:
-            click.echo(f'{name}: the board fits best with {lens}: is the calibration of this '
-                       'camera, resolution, zoom and focus?', err=True)
+            click.echo(f'{name}: the board fits best with {lens}: {ASK_LENS}', err=True)
     return of.reference if 'reference' in of.model_fields_set else 'board', found
 
 

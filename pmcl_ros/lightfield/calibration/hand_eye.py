@@ -5,7 +5,6 @@ weighted by its errors: a motion of the arm's flange and the noise of the corner
 of Park and Martin (1994) is where the fit starts.
 """
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,10 +17,16 @@ from scipy.special import chdtrc, chdtri, fdtrc
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, retract
 from pmcl_ros.geometry.sheet_pose import sheet_poses
+from pmcl_ros.lightfield.calibration.arm_motions import (
+    OTHERWISE,
+    mismatch,
+    motions,
+    park_martin,
+    warn_of_scale,
+)
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
-_LOG = logging.getLogger(__name__)
 FEWEST = 6  # pictures
 _LEAST_SPREAD = np.deg2rad(8)  # of the rotations about the second of their axes, rms
 _UNLIKELY = 1e-4  # chance of a picture whose arm pose or board fits so badly
@@ -30,15 +35,6 @@ _ROUNDS = 60  # of estimating the arm's errors
 _FREEDOM = 3  # of Student's t-distribution: the less, the less a wrong picture counts
 _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
-_WRONG_TURNS = np.deg2rad(4)  # the same of pictures that fit each other: arms are off by a tenth
-_OTHERWISE = (
-    'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose of the '
-    'link in the base (not of the base in the link), are the poses those of these pictures, did '
-    'the board stay as it was, and is --fixed-camera given for a camera beside the arm, and only '
-    'for it?')
-_ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
-_SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
-_CLEAR_SCALE = 0.004, 5.0  # share, standard deviations: what a ruler does not tell is no mistake
 _BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # of `_board_poses`
 
 
@@ -100,7 +96,7 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
         seen = [_board_poses(each, board, pinhole) for each in pictures]
         kept, boards = [*pictures], _resolved(pictures, seen, sigma, fixed_camera)
         found = _agreed(kept, boards, sigma, fixed_camera)
-        _warn_of_scale(kept, boards, fixed_camera)
+        warn_of_scale(*_arm_and_boards(kept, boards, fixed_camera))
         return found
     except np.linalg.LinAlgError:
         raise LightFieldError("no camera fits the boards and the arm's poses: the equations are "
@@ -118,14 +114,14 @@ def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
     if len(left_out) > most:
         names = ', '.join(left_out[:8]) + ', ...' * (len(left_out) > 8)
         raise LightFieldError(f'in {len(left_out)} of {len(left_out) + len(kept)} pictures '
-                              f'({names}) {_OTHERWISE}')
+                              f'({names}) {OTHERWISE}')
     while True:
         _check(kept, left_out)
         chances = _chances(kept, boards, sigma, fixed)
         worst = int(chances.argmin())
         fits = chances[worst] * len(kept) > _UNLIKELY
         enough = len(left_out) >= most
-        if (fits or enough) and (why := _mismatch(kept, boards, fixed)):
+        if (fits or enough) and (why := mismatch(*_arm_and_boards(kept, boards, fixed))):
             raise LightFieldError(why)
         if fits:
             found, _ = _fitted(kept, boards, sigma, fixed)
@@ -137,6 +133,13 @@ def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
                 'taken at rest, and is sigma what the arm can do?')
         left_out.append(kept[worst].name)
         left.append((kept.pop(worst), boards.pop(worst)))
+
+
+def _arm_and_boards(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fixed: bool
+                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What `park_martin` takes."""
+    arm = np.array([each.mount_to_base for each in pictures])
+    return inverse(arm) if fixed else arm, np.array([each[0] for each in boards])
 
 
 def _with_left_out(found: HandEye, left: Sequence[tuple[BoardPicture, _BoardPose]], fixed: bool
@@ -156,7 +159,7 @@ def _turned_otherwise(pictures: Sequence[BoardPicture], boards: Sequence[_BoardP
 
     Wherever the camera is, board and arm turn by the same angle from picture to picture.
     """
-    moved, turned = _motions(np.array([each.mount_to_base for each in pictures]),
+    moved, turned = motions(np.array([each.mount_to_base for each in pictures]),
                              np.array([each[0] for each in boards]))
     arm, board = (Rotation.from_matrix(each[:, :3, :3]).magnitude() for each in (moved, turned))
     first, second = np.triu_indices(len(pictures), 1)
@@ -218,107 +221,6 @@ def _resolved(pictures: Sequence[BoardPicture], boards: Sequence[list[_BoardPose
     return [each[int(np.argmin(turned))] for each, turned in zip(boards, off, strict=True)]
 
 
-def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Camera to mount (4, 4), in closed form, of poses of the mount and of the board before it.
-
-    mounts: (n, 4, 4) to the base. seen: (n, 4, 4) board to camera. Park and Martin, "Robot Sensor
-    Calibration: Solving AX = XB on the Euclidean Group", 1994. OpenCV before 5
-    has it as calibrateHandEye.
-    """
-    moved, turned = _motions(mounts, seen)
-    a, b = (Rotation.from_matrix(each[:, :3, :3]).as_rotvec() for each in (moved, turned))
-    matrix = b.T @ a
-    values, vectors = np.linalg.eigh(matrix.T @ matrix)
-    rotation = vectors @ np.diag(1 / np.sqrt(values)) @ vectors.T @ matrix.T
-    if not np.linalg.det(rotation) > 0:
-        raise LightFieldError(_OTHERWISE)
-    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    right = (moved[:, :3, 3] - turned[:, :3, 3] @ rotation.T).ravel()
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, np.linalg.lstsq(left, right, rcond=None)[0]
-    return pose
-
-
-def _motions(mounts: NDArray[np.float64], seen: NDArray[np.float64]
-             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(k, 4, 4) motions of mount and board between all pairs of pictures, see `park_martin`."""
-    first, second = np.triu_indices(len(mounts), 1)
-    return inverse(mounts[second]) @ mounts[first], seen[second] @ inverse(seen[first])
-
-
-def _mismatch(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fixed: bool) -> str:
-    """Why pictures and arm, outliers left out, are not of one another; '' where they can be.
-
-    Each pair of pictures tells a motion of either.
-    """
-    arm = np.array([each.mount_to_base for each in pictures])
-    mounts = inverse(arm) if fixed else arm
-    seen = np.array([each[0] for each in boards])
-    moved, turned = _motions(mounts, seen)
-    rotation = park_martin(mounts, seen)[:3, :3]
-    by_board = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
-    off = np.median((by_board.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude())
-    if off > _WRONG_TURNS:
-        return _OTHERWISE
-    by_arm, by_boards = _along(moved, turned, rotation)
-    sizes = np.linalg.norm(by_arm), np.linalg.norm(by_boards)
-    if by_arm @ by_boards <= _ALIKE * sizes[0] * sizes[1]:
-        return ''
-    scale = sizes[0] / sizes[1]
-    if _SCALES[0] < scale < _SCALES[1]:
-        return ''
-    return (f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
-            'positions of mount_to_base in metres, and is --square the side of a square?')
-
-
-def _along(moved: NDArray[np.float64], turned: NDArray[np.float64],
-           rotation: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3 k,) positions of motions by arm and boards, less what a place of the camera explains.
-
-    What is left is nothing, where the camera always had the board at one place before it; else the
-    arm's part and the board's are the same.
-    """
-    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    by_arm, by_boards = (each - left @ np.linalg.lstsq(left, each, rcond=None)[0] for each in (
-        moved[:, :3, 3].ravel(), (turned[:, :3, 3] @ rotation.T).ravel()))
-    return by_arm, by_boards
-
-
-def _warn_of_scale(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fixed: bool
-                   ) -> None:
-    """Warn where the arm tells that the board is a few per cent larger or smaller than told.
-
-    The fit takes it for errors of the arm, and puts the camera elsewhere.
-    """
-    arm = np.array([each.mount_to_base for each in pictures])
-    mounts = inverse(arm) if fixed else arm
-    seen = np.array([each[0] for each in boards])
-    # Of all: without one of them, the turns of the others may have one axis.
-    rotation = park_martin(mounts, seen)[:3, :3]
-    scale = _scale(mounts, seen, rotation)
-    number = len(mounts)
-    without = np.array([
-        _scale(np.delete(mounts, each, axis=0), np.delete(seen, each, axis=0), rotation)
-        for each in range(number)])
-    sigma = np.sqrt((number - 1) * np.square(without - without.mean()).mean())  # the jackknife's
-    least, times = _CLEAR_SCALE
-    if abs(scale - 1) > max(least, times * sigma):
-        _LOG.warning(
-            "by the arm's motions the board is %.1f %% %s than told (standard deviation %.1f): "
-            'measure ten of its squares for --square, and check the focal length; else the place '
-            'of the camera is off by about this share of its distance from the board',
-            100 * abs(scale - 1), 'larger' if scale > 1 else 'smaller', 100 * sigma)
-
-
-def _scale(mounts: NDArray[np.float64], seen: NDArray[np.float64],
-           rotation: NDArray[np.float64]) -> float:
-    """Size of the board by the arm's motions, as a share of that told. rotation: (3, 3) of the
-    camera in the mount.
-    """
-    by_arm, by_boards = _along(*_motions(mounts, seen), rotation)
-    return float(by_arm @ by_boards / (by_boards @ by_boards))
-
-
 def _chances(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
              told: tuple[float, float] | None, fixed: bool) -> NDArray[np.float64]:
     """(n,) chances of a right picture to fit as badly as each does."""
@@ -340,9 +242,7 @@ def _fitted(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
 
     heavy_tails: errors have Student's t-distribution, in place of a Gaussian one.
     """
-    arm = np.array([each.mount_to_base for each in pictures])
-    mounts = inverse(arm) if fixed else arm
-    seen = np.array([each[0] for each in boards])
+    mounts, seen = _arm_and_boards(pictures, boards, fixed)
     pixels = np.array([each[2] for each in boards])
     noise = max(float(np.sqrt(np.square(pixels).mean() / 2)), 1e-3)  # px, on each axis
     corners = noise ** 2 * np.array([np.linalg.inv(slopes.T @ slopes) for _, slopes, _ in boards])

@@ -17,7 +17,7 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 
 Board = Checkerboard | CharucoRing
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
-_TOUCHED = 1e-6  # mm
+_TOUCHED = 1e-6  # mm above the plane: what the solver leaves
 _CLEAR = 3.0  # standard deviations of what pictures tell, with that of a calibration
 
 

@@ -18,10 +18,10 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, transform
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
-from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file
 from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.simulation.simulated_arm import simulated_arm
 
 PINHOLES = {'left': Pinhole(640, 480, 600, 600, 320, 240),
             'right': Pinhole(720, 540, 640, 640, 352, 274)}

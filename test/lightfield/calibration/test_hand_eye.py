@@ -18,13 +18,14 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.cli import main
 from pmcl_ros.cli.cameras.hand_eye import calibrated, camera_errors
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract, transform
+from pmcl_ros.lightfield.calibration.arm_motions import park_martin
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, hand_eye, park_martin
-from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
+from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, hand_eye
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.simulation.simulated_arm import simulated_arm
 
 BOARD = Checkerboard(10, 7, 0.02)
 
