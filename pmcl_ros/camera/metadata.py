@@ -18,6 +18,14 @@ _Share = Annotated[float, Field(ge=-1e3, le=1e3)]
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra='ignore', allow_inf_nan=False)
 
+    @model_validator(mode='before')
+    @classmethod
+    def _given(cls, data: Any) -> Any:
+        """A field of null is one that is not there."""
+        if not isinstance(data, dict):
+            return data
+        return {name: value for name, value in data.items() if value is not None}
+
 
 class _Levels(_Part):
     r: _Level
@@ -211,4 +219,5 @@ def _frame_of(data: Any) -> tuple[Any, Any]:
                               'frameArray[0].frame; is this the .TXT of a camera?') from None
     if not isinstance(frame, dict) or 'metadata' not in frame:
         raise CameraError("metadata has no 'metadata' in its frame; is this the .TXT of a camera?")
-    return frame['metadata'], frame.get('privateMetadata', {})
+    private = frame.get('privateMetadata')
+    return frame['metadata'], {} if private is None else private

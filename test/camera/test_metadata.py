@@ -98,6 +98,16 @@ def test_an_impossible_value_is_named(data, path, value, reason):
         CameraMetadata.parse(changed(data, path, value))
 
 
+def test_a_field_of_null_is_one_that_is_not_there(data):
+    for fields in ({'devices': None}, {'devices': {'lens': None, 'sensor': {'pixelPitch': None}}}):
+        metadata = CameraMetadata.parse(whole_text({**data, **fields}, {'camera': None}))
+        assert (metadata.zoom, metadata.devices.mla.rotation, metadata.serial) == (None, 0.0, '')
+    with pytest.raises(CameraError, match=r'^metadata: image: .*required'):
+        CameraMetadata.parse(json.dumps({'image': None}))
+    with pytest.raises(CameraError, match=r'^metadata: devices: .*\(got 3\)'):
+        CameraMetadata.parse(json.dumps({**data, 'devices': 3}))
+
+
 @pytest.mark.parametrize(('text', 'reason'), [
     ('', 'not JSON'),
     ('{"image": ', 'not JSON'),

@@ -48,7 +48,8 @@ class ClockDifference:
         """Estimate of the difference [ns]."""
         if self.low_ns <= 0 <= self.high_ns:
             return 0
-        return round((self.low_ns + self.high_ns) / 2)
+        # Whole numbers, as a clock that is months off has more digits than a double.
+        return int(self.low_ns) + round((self.high_ns - self.low_ns) / 2)
 
     def updated(self, asked_ns: int, remote_ns: int, now_ns: int) -> 'ClockDifference':
         """Add a measurement: the other clock was `remote_ns` between our `asked_ns` and `now_ns`.
