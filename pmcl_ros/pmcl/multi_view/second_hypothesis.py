@@ -22,9 +22,9 @@ from pmcl_ros.pmcl.multi_view.view_warnings import SCALE_ADVICE
 from pmcl_ros.pmcl.prior.odd_poses import without_mistakes
 
 _LOG = logging.getLogger(__name__)
-_ADVICE = ('check the hand-eye transform (of a board: that it is flat) and the calibration of the '
-           'camera, or state the errors of the poses: sigma_mm and sigma_deg of views.yaml, or '
-           '--sigma-mm and --sigma-deg')
+_ADVICE = ('check the hand-eye transform (of a board: that its sheet keeps its shape) '
+           'and the calibration of the camera, or state the errors of the poses: sigma_mm and '
+           'sigma_deg of views.yaml, or --sigma-mm and --sigma-deg')
 _OF_OBJECT = 'check the size of the mesh, whether it has holes, and whether the object moved'
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 _SCALE = 0.01  # share by which their distances, or the mesh, are then taken to be off

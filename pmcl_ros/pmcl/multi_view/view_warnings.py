@@ -167,6 +167,7 @@ def warn_of_errors(understated: float) -> None:
     if understated > CLEARLY_LARGER:
         _LOG.warning('the views agree on a pose if the errors of the camera poses are %.1f times '
                      'those stated, and the covariance allows for that: check the hand-eye '
-                     'transform (of a board: that it is flat), the calibration of the camera '
-                     '(focal length, distortion) and the size of the mesh, or state larger errors',
+                     'transform (of a board: that its sheet keeps its shape), the calibration '
+                     'of the camera (focal length, distortion) and the size of the mesh, or state '
+                     'larger errors',
                      understated)

@@ -584,8 +584,8 @@ def test_errors_that_are_stated_far_too_small_are_told_with_all_that_makes_them(
     line, = caplog.messages
     factor = re.search(r'errors of the camera poses are ([\d.]+) times those stated', line)
     assert float(factor[1]) > CLEARLY_LARGER
-    for cause in ('hand-eye transform', 'a board: that it is flat', 'focal length, distortion',
-                  'size of the mesh'):
+    for cause in ('hand-eye transform', 'a board: that its sheet keeps its shape',
+                  'focal length, distortion', 'size of the mesh'):
         assert cause in line
     assert CUP.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
 
