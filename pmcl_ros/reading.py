@@ -8,7 +8,7 @@ import numpy as np
 
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
-from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.messages.bag_captures import read_bag

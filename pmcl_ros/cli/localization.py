@@ -128,8 +128,8 @@ def _tell_of_copy(model: ObjectModel, estimate: PoseEstimate) -> None:
 
 def _ask_scale(views: PosedViews) -> None:
     places = np.array([each.camera_to_reference[:3, 3] for each in views.views])
-    _LOG.warning('lost, and a COLMAP model has no metric scale: is that of --scale or --distance '
-                 'right? By it cameras are up to %.3g m apart', pdist(places).max(initial=0))
+    _LOG.warning('lost: is the metric scale of --scale or --distance right? By it cameras are up '
+                 'to %.3g m apart', pdist(places).max(initial=0))
 
 
 def _tell_error(model: ObjectModel, estimate: PoseEstimate, truth: Path) -> None:

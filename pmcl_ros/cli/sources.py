@@ -24,11 +24,12 @@ from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors
-from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.read import (
     Source,
     check_folder,
     has_posed_views,
+    has_scale,
     is_colmap,
     is_light_field,
 )
@@ -51,14 +52,15 @@ _OF_RAW = (
                  'fits the picture is chosen.'))
 _OF_READING = (
     click.option('--every', type=click.IntRange(1), default=1, metavar='K',
-                 help='For a light field: read only each K-th view.'),
+                 help='For a light field or ordinary pictures: read only each K-th view.'),
     click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
                  help='For a light field or ordinary pictures: average NxN pixels into one.'),
     click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
-                 help='For a COLMAP model, which has no metric scale: metres per unit.'),
+                 help='For a COLMAP model or a transforms.json without metric scale: metres per '
+                 'unit.'),
     click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
-                 metavar='NAME NAME METRES', help='For a COLMAP model, in place of '
-                 '--scale: two pictures, and the distance between their cameras.'),
+                 metavar='NAME NAME METRES', help='In place of --scale: two pictures, and the '
+                 'distance between their cameras.'),
     click.option('--masks', type=click.Path(exists=True, path_type=Path), metavar='PATH',
                  help='For a COLMAP model: folder with the mask NAME.png of each picture NAME, or '
                  'a picture that is the mask of all. What is black there is no evidence.'),
@@ -71,8 +73,8 @@ _OF_READING = (
 _OF_POSES = (
     click.option('--sigma-mm', type=click.FloatRange(0, 1e4), metavar='MM', help='For posed '
                  'views: standard deviation of the position of each camera pose, on each axis. It '
-                 'replaces sigma_mm of views.yaml. A COLMAP model and a BOP scene state none: the '
-                 'default is 0 there.'),
+                 'replaces sigma_mm of views.yaml. A COLMAP model, a transforms.json and a BOP '
+                 'scene state none: the default is 0 there.'),
     click.option('--sigma-deg', type=click.FloatRange(0, 180), metavar='DEG', help='For posed '
                  'views: the same of the rotation, about each axis.'),
     click.option('--common', type=click.FloatRange(0, 1), metavar='SHARE', help='For posed views: '
@@ -115,16 +117,17 @@ class GivenReading:
         """
         if self.scale is not None and self.distance is not None:
             raise click.UsageError('--scale and --distance say the same: give one')
-        of_colmap = any(each is not None for each in (self.scale, self.distance, self.masks))
-        if of_colmap and not any(map(is_colmap, sources)):
-            raise click.UsageError(f'{where} no COLMAP model: --scale, --distance and --masks are '
-                                   'for COLMAP models')
+        metric = Metric(self.scale, self.distance)
+        if metric.is_given and not any(map(has_scale, sources)):
+            raise click.UsageError(f'{where} no COLMAP model and no transforms.json: --scale and '
+                                   '--distance are for these')
+        if self.masks is not None and not any(map(is_colmap, sources)):
+            raise click.UsageError(f'{where} no COLMAP model: --masks is for these')
         bag = self._bag_views()
         if bag is not None and not any(map(is_bag, sources)):
             raise click.UsageError(f'{where} no bag: --image-topic, --pose-topic and --collect '
                                    'are for bags')
-        return Reading(self.every, self.shrink, Metric(self.scale, self.distance), bag,
-                       self._errors(), self.masks)
+        return Reading(self.every, self.shrink, metric, bag, self._errors(), self.masks)
 
     @property
     def mask_files(self) -> dict[str, Path]:
@@ -181,7 +184,7 @@ class GivenSource(GivenReading):
                 self._check_folder(reading)
             self._check_no_raw()
             return Opened(partial(reading.read, self.source), has_posed_views(self.source),
-                          is_colmap(self.source))
+                          reading.metric is not None and reading.metric.is_given)
         suffix = self.source.suffix.lower()
         if suffix in _OF_BAGS:
             raise click.UsageError(f'{self.source} is a file of a bag: give its folder, with '
@@ -192,7 +195,8 @@ class GivenSource(GivenReading):
                                    '(docs/howto/one_picture.md)')
         if not self.takes_raw:
             raise click.UsageError(f'{self.source} is a raw picture, and posed views are needed: '
-                                   'views.yaml, a COLMAP model, a BOP scene or a bag')
+                                   'views.yaml, transforms.json, a COLMAP model, a BOP scene or '
+                                   'a bag')
         if self.calibration is None or self.white is None:
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
                                    f'--white. {OF_CAMERA}')

@@ -58,7 +58,7 @@ def names(tmp_path):
     ('localize {killed} --object {object} --depths 0.3 0.9', 1, '`mcap recover` saves'),
     ('bag extract {killed} {out}', 1, '`mcap recover` saves'),
     ('bag record {raw} {out} --every 2', 2, 'are for light fields'),
-    ('bag record {raw} {out} --scale 2', 2, 'are for COLMAP models'),
+    ('bag record {raw} {out} --scale 2', 2, 'and no transforms.json'),
     ('bag record {raw} {out} --sigma-deg 2', 2, 'are for posed views'),
     ('bag record {raw} {out} --image-topic /a', 2, 'are for bags'),
     ('bag record {empty} {out}', 1, 'docs/howto/light_fields.md'),

@@ -206,7 +206,7 @@ def test_the_scale_of_a_colmap_model_is_asked_for_where_it_loses_the_object(
     done = pmcl('localize', folder, '--scale', 1.4 * 2.5, *region(capture), *FEW, '--object',
                 capture / 'model.obj')
     assert done.stdout.startswith('lost')
-    assert ('lost, and a COLMAP model has no metric scale: is that of --scale or --distance right?'
+    assert ('lost: is the metric scale of --scale or --distance right?'
             f' By it cameras are up to {apart:.3g} m apart') in caplog.text
 
 
@@ -216,7 +216,7 @@ def results(folder):
 
 
 @pytest.mark.parametrize(('more', 'reason'), [
-    (('--scale', 2), 'has no COLMAP model: --scale, --distance and --masks'),
+    (('--scale', 2), 'has no COLMAP model and no transforms.json: --scale and'),
     (('--pose-topic', '/tf'), 'has no bag: --image-topic'),
     (('--common', 0.5), 'give these too')])
 def test_options_of_reading_without_effect_are_refused(capture, more, reason):

@@ -30,7 +30,7 @@ from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.read import read_light_field, read_source
@@ -245,6 +245,10 @@ def view_formats(folder):
     posed = {'cameras': {'one': {**camera, 'distortion': [0.1, 0.01, 0.0, 0.0]}}, 'views': [
         {'file': f'v_0_{number}.png', 'camera': 'one', 'camera_to_reference': each,
          'sigma_mm': 1.0, 'stamp': 12.5} for number, each in enumerate(pose)]}
+    tools = {'fl_x': 20.0, 'cx': 6.0, 'cy': 4.5, 'w': 48, 'h': 36, 'k1': 0.1, 'frames': [
+        {'file_path': f'./v_0_{number}.png', 'transform_matrix': [
+            [1, 0, 0, 0.1 * number], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+        for number in range(3)]}
     sweep = {'rows': 1, 'columns': 3, 'baseline': 0.01, 'near': 0.4, 'far': 1.0, 'camera': {
         key: value for key, value in camera.items() if key not in ('width', 'height')},
         'frames': [{'file': f'v_0_{number}.png', 'position': [0.01 * number, 0, 0],
@@ -287,6 +291,8 @@ def view_formats(folder):
     return {
         'light_field.yaml': at(folder / 'grid', 'light_field.yaml', dump(grid), read_light_field),
         'views.yaml': at(folder / 'posed', 'views.yaml', dump(posed), read_source),
+        'transforms.json': at(folder / 'posed', 'transforms.json', json.dumps(tools).encode(),
+                              read_source),
         'sweep.yaml': at(folder / 'sweep', 'sweep.yaml', dump(sweep), read_light_field),
         'bop': at(folder / 'bop', 'scene_camera.json', json.dumps(scene).encode(), read_source,
                   folder / 'bop'),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.posed_view import quaternion_pose
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -30,17 +31,6 @@ _MODELS = {
     'OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2'),
     'FULL_OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2 k3 k4 k5 k6'),
     'OPENCV_FISHEYE': ('fx fy cx cy', 'k1 k2 k3 k4')}
-
-
-@dataclass(frozen=True)
-class Metric:
-    """What makes a model metric: metres a unit, or the distance between two of its cameras.
-
-    between: names of two pictures and the distance of their cameras [m].
-    """
-
-    scale: float | None = None
-    between: tuple[str, str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +64,9 @@ def load(path: Path, metric: Metric | None, masks: Path | None = None) -> tuple[
         raise LightFieldError(f'{path} has no {_CAMERAS} and {_IMAGES}')
     cameras = dict(_cameras(folder / _CAMERAS))
     images = list(_images(folder / _IMAGES))
-    scale = _scale(images, metric, folder)
+    scale = (metric or Metric()).metres_per_unit(
+        {each.name: each.camera_to_world[:3, 3] for each in images},
+        f'{folder}, a COLMAP model,')
     views = []
     for each in images:
         pose = each.camera_to_world.copy()
@@ -178,26 +170,6 @@ def _are_numbers(words: list[str]) -> bool:
         return all(np.isfinite(float(each)) for each in words)
     except ValueError:
         return False
-
-
-def _scale(images: list[_Image], metric: Metric | None, folder: Path) -> float:
-    """Metres a unit."""
-    if metric is not None and metric.scale is not None:
-        return metric.scale
-    if metric is None or metric.between is None:
-        raise LightFieldError(f'{folder}: a COLMAP model has no metric scale; give it, or the '
-                              'distance between two cameras (--scale, --distance)')
-    first, second, metres = metric.between
-    places = {each.name: each.camera_to_world[:3, 3] for each in images}
-    missing = [each for each in (first, second) if each not in places]
-    if missing:
-        raise LightFieldError(f'{folder} has no image {" and no ".join(missing)}; it has '
-                              f'{", ".join(sorted(places)[:8])}')
-    units = float(np.linalg.norm(places[first] - places[second]))
-    if not units > 0:
-        raise LightFieldError(f'{folder}: {first} and {second} were taken at one place; give two '
-                              'others')
-    return metres / units
 
 
 def _pictures(path: Path, folder: Path, images: list[_Image]) -> Path:

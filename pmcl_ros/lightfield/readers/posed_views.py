@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -148,7 +149,7 @@ class ViewsFile(Settings):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
                                  'needs one')
         files = [os.path.normpath(each.file) for each in self.views]
-        repeated = sorted({each for each in files if files.count(each) > 1})
+        repeated = sorted(each for each, times in Counter(files).items() if times > 1)
         if repeated:
             raise ValueError(f'{", ".join(repeated)} is there more than once')
         return self
@@ -164,9 +165,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     or leaves little of it, and of one pose of all views. Raises
     SettingsError or LightFieldError saying which file or value is wrong.
     """
-    if reduction.every != 1:
-        raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
-                              'taken; leave out --every')
+    of = of.model_copy(update={'views': [of.views[each] for each in
+                                         reduction.kept(len(of.views))]})
     shrink = reduction.shrink
     cameras = [of.cameras[each.camera] for each in of.views if each.camera]
     pixels = [(each.width // shrink) * (each.height // shrink) for each in cameras] or [0]
@@ -177,7 +177,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
             f'{name}: its {len(of.views)} pictures have up to {max(pixels) / 1e6:.1f} million '
             f'pixels, at most {_MOST_PIXELS / 1e6:.1f} are read, and need {size / 2 ** 20:.0f} '
             f'MiB, at most {MOST_BYTES // 2 ** 20}: shrink them (--shrink '
-            f'{math.ceil(shrink * math.sqrt(excess))})' + (', or take fewer' * (len(pixels) > 1)))
+            f'{math.ceil(shrink * math.sqrt(excess))})' + (
+                ', or take fewer (--every)' * (len(pixels) > 1)))
     names = dict.fromkeys(each.camera for each in of.views if each.camera)
     odd = {name: why for name in names if (why := _oddness(of.cameras[name].pinhole))}
     if odd:

@@ -6,7 +6,16 @@ from pathlib import Path
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.lightfield.readers import bop, colmap, folder, hci, posed_views, sweep_folder
+from pmcl_ros.lightfield.readers import (
+    bop,
+    colmap,
+    folder,
+    hci,
+    posed_views,
+    sweep_folder,
+    transforms,
+)
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
@@ -18,13 +27,14 @@ _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
 def read_source(path: Path | str, every: int = 1, shrink: int = 1,
-                metric: colmap.Metric | None = None, masks: Path | None = None) -> Source:
+                metric: Metric | None = None, masks: Path | None = None) -> Source:
     """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
     path: as of `read_light_field`; or a views.yaml, a sweep.yaml of a camera that went around an
-    object, the folder of a COLMAP text model, of a BOP scene, or a picture of one. A single
-    picture whose camera has no pose is a `PosedView`: the camera is the reference frame. metric,
-    masks: of a COLMAP model (`colmap.load`), else not used.
+    object, a transforms.json, the folder of a COLMAP text model, of a BOP scene, or a picture of
+    one. A single picture whose camera has no pose is a `PosedView`: the camera is the reference
+    frame. metric: of a COLMAP model or a transforms.json, else not used. masks: of a COLMAP model
+    (`colmap.load`), else not used.
     Raises as `read_light_field`.
     """
     path = Path(path)
@@ -52,7 +62,7 @@ def has_posed_views(path: Path | str) -> bool:
     yaml = _views_yaml(path)
     if yaml is not None:
         return posed_views.ViewsFile.load(yaml).posed
-    if _sweep_of_views(path) is not None:
+    if _sweep_of_views(path) is not None or _transforms(path) is not None:
         return True
     return path.is_dir() and _has_pictures(path) and not pictures_alone(path)
 
@@ -71,7 +81,7 @@ def pictures_alone(path: Path | str) -> list[Path]:
 def _has_pictures(path: Path) -> bool:
     """Whether a path is of pictures of ordinary cameras."""
     if any(each is not None for each in (_views_yaml(path), _sweep_of_views(path),
-                                         bop.scene_of(path))):
+                                         bop.scene_of(path), _transforms(path))):
         return True
     if not path.is_dir() or _has_grid(path):
         return False  # a light field, whatever else lies there
@@ -85,7 +95,12 @@ def is_colmap(path: Path | str) -> bool:
             and not (path / bop.NAME).is_file() and colmap.model_folder(path) is not None)
 
 
-def _views_file(path: Path, metric: colmap.Metric | None, masks: Path | None
+def has_scale(path: Path | str) -> bool:
+    """Whether `read_source` takes a metric scale of a path."""
+    return is_colmap(path) or _transforms(Path(path)) is not None
+
+
+def _views_file(path: Path, metric: Metric | None, masks: Path | None
                 ) -> tuple[posed_views.ViewsFile, Path]:
     """The list of pictures at a path, and the folder that they are relative to."""
     yaml, scene = _views_yaml(path), bop.scene_of(path)
@@ -95,7 +110,9 @@ def _views_file(path: Path, metric: colmap.Metric | None, masks: Path | None
         return bop.load(scene, path.absolute())
     if (path / bop.NAME).is_file():
         return bop.load(path)
-    return colmap.load(path, metric, masks)
+    of_tools = _transforms(path)
+    return (colmap.load(path, metric, masks) if of_tools is None
+            else transforms.load(of_tools, metric))
 
 
 def _views_yaml(path: Path) -> Path | None:
@@ -107,6 +124,18 @@ def _views_yaml(path: Path) -> Path | None:
     if yaml.name == posed_views.NAME or (not light_field and posed_views.has_views(yaml)):
         return yaml
     return None
+
+
+def _transforms(path: Path) -> Path | None:
+    """The transforms.json that a path names; as a file it may have another name."""
+    if not path.is_dir():
+        return path if path.suffix.lower() == transforms.SUFFIX and path.is_file() else None
+    file = path / transforms.NAME
+    others = posed_views.NAME, bop.NAME
+    if _has_grid(path) or colmap.model_folder(path) is not None or not file.is_file() or any(
+            (path / each).is_file() for each in others):
+        return None
+    return file
 
 
 def _sweep_of_views(path: Path) -> Path | None:
@@ -123,7 +152,7 @@ def _sweep_of_views(path: Path) -> Path | None:
 def is_light_field(path: Path | str) -> bool:
     """Whether `read_source` reads this kind of path; raw pictures are another kind."""
     path = Path(path)
-    return (path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML)
+    return (path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML, transforms.SUFFIX)
             or bop.scene_of(path) is not None)
 
 

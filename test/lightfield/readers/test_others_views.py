@@ -15,7 +15,7 @@ from pmcl_ros.cli import main
 from pmcl_ros.cli.sources import GivenSource
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import bop as bop_reader
-from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.read import (
     check_folder,
     has_posed_views,
@@ -294,7 +294,7 @@ def test_a_mask_of_a_picture_that_is_none_is_refused_in_one_line(masked, change,
 
 def test_masks_are_of_colmap_models(masked, tmp_path):
     own(tmp_path / 'own')
-    with pytest.raises(UsageError, match='is no COLMAP model: --scale, --distance and --masks'):
+    with pytest.raises(UsageError, match='is no COLMAP model: --masks'):
         GivenSource(tmp_path / 'own', masks=masked[1]).open()
 
 

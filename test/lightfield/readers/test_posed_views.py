@@ -152,8 +152,6 @@ def test_a_view_can_be_shrunk(tmp_path):
     np.testing.assert_allclose(view.picture, means, atol=1e-4)
     with pytest.raises(LightFieldError, match=r'one.png: it has 120x88 px, shrunk by 3; 32 a s'):
         read_source(folder, shrink=3)
-    with pytest.raises(LightFieldError, match='no grid'):
-        read_source(folder, every=2)
 
 
 def test_poses_and_their_errors_are_read(tmp_path):
