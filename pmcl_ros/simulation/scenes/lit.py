@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
+from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.lamps import irradiated
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
-from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, stream, tilted, uniform
+from pmcl_ros.simulation.scenes.sampling import scattered, tilted, uniform
 from pmcl_ros.simulation.scenes.trace import (
     BRANCHES,
-    DEPTH,
     SURFACES,
     absorbed,
     add,
@@ -17,6 +16,7 @@ from pmcl_ros.simulation.scenes.trace import (
     put,
     room,
     texel,
+    trace,
 )
 
 _DIRECT, _REFLECTED, _CHOSEN = 0, 1, 2  # how a ray came to wait
@@ -26,49 +26,23 @@ _LIMIT = 1.0  # of what is chosen by chance, in units of a white surface's radia
 _HARDLY = 0.08  # a path of less weight looks for no shadows
 
 
-@compiled(parallel=True, exact=True)
-def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore[no-untyped-def]
-    """Fill picture (height, width, 3) with mean radiances; numbers as `render.light_of_view`."""
-    world = borrowed(world)
-    height, width = picture.shape[0], picture.shape[1]
-    start = np.full(1, seed, np.uint64)
-    shift_x, shift_y = uniform(start), uniform(start)
-    for i in rounds(height, portion):
-        state = stream(seed, i)
-        waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
-        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
-        for j in range(width):
-            light[:] = 0
-            for k in range(samples):
-                ox, oy, dx, dy, dz = eye_ray(state, numbers, shift_x, shift_y, i, j,
-                                             i * samples + k)
-                _follow(world, waiting, hit, other, stack, state, seen, light, ox, oy, 0.0, dx,
-                        dy, dz)
-            for channel in range(3):
-                picture[i, j, channel] = light[channel] / samples
+@compiled(inner=True, exact=True)
+def follow(  # type: ignore[no-untyped-def]
+        world, waiting, hit, other, stack, state, seen, light, ox, oy, oz, dx, dy, dz):
+    """As `trace.trace`, with shadows where there are lamps.
 
-
-@compiled(parallel=True, exact=True)
-def follow_lit(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
-    """Fill out (n, 3) with the radiance along rays; block: rays of one task."""
-    world = borrowed(world)
-    for task in rounds(-(-len(out) // block), portion):
-        state = stream(seed, task)
-        waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
-        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
-        for n in range(task * block, min((task + 1) * block, len(out))):
-            o, d = origins[n], directions[n]
-            light[:] = 0
-            _follow(world, waiting, hit, other, stack, state, seen, light, o[0], o[1], o[2],
-                    d[0], d[1], d[2])
-            for channel in range(3):
-                out[n, channel] = light[channel]
+    other: (9,) scratch. seen: of `lamps.irradiated`.
+    """
+    if len(world.lamps) == 0:
+        trace(world, waiting, hit, stack, state, light, ox, oy, oz, dx, dy, dz)
+    else:
+        _follow_lit(world, waiting, hit, other, stack, state, seen, light, ox, oy, oz, dx, dy, dz)
 
 
 @compiled(inner=True, exact=True)
-def _follow(  # type: ignore[no-untyped-def]
+def _follow_lit(  # type: ignore[no-untyped-def]
         world, waiting, hit, other, stack, state, seen, light, ox, oy, oz, dx, dy, dz):
-    """As `trace.trace`, in a room with lamps. other: (9,) scratch; seen: of `lamps.irradiated`.
+    """As `follow`, in a room with lamps.
 
     The reflections of what is seen directly are all followed; other faint ones by chance. What
     those find is limited, as single pixels would shine otherwise.

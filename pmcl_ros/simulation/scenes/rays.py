@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
-from pmcl_ros.simulation.scenes.lit import follow_lit
+from pmcl_ros.simulation.scenes.lit import follow
 from pmcl_ros.simulation.scenes.sampling import stream
 from pmcl_ros.simulation.scenes.scene import Scene
-from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, trace
+from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH
 from pmcl_ros.simulation.scenes.world import World
 
 _BLOCK = 4096  # rays of one task
@@ -28,9 +28,8 @@ def light_along(world: World, origins: NDArray[np.float64], directions: NDArray[
                 seed: int) -> NDArray[np.float32]:
     """(n, 3) radiance that comes to each origin from its direction."""
     light = np.zeros((len(origins), 3), np.float32)
-    (_follow if len(world.lamps) == 0 else follow_lit)(
-        world, np.ascontiguousarray(origins), np.ascontiguousarray(directions), _BLOCK,
-        np.uint64(seed), light)
+    _follow(world, np.ascontiguousarray(origins), np.ascontiguousarray(directions), _BLOCK,
+            np.uint64(seed), light)
     return light
 
 
@@ -39,11 +38,12 @@ def _follow(world, origins, directions, block, seed, out, portion):  # type: ign
     world = borrowed(world)
     for task in rounds(-(-len(out) // block), portion):
         state = stream(seed, task)
-        waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
-        stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
+        waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
+        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for n in range(task * block, min((task + 1) * block, len(out))):
             o, d = origins[n], directions[n]
             light[:] = 0
-            trace(world, waiting, hit, stack, state, light, o[0], o[1], o[2], d[0], d[1], d[2])
+            follow(world, waiting, hit, other, stack, state, seen, light, o[0], o[1], o[2],
+                   d[0], d[1], d[2])
             for channel in range(3):
                 out[n, channel] = light[channel]

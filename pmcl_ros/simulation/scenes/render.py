@@ -17,12 +17,12 @@ from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.kernels import borrowed, compiled, rounds
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
-from pmcl_ros.simulation.scenes.lit import render_lit
+from pmcl_ros.simulation.scenes.lit import follow
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.sampling import eye_ray, stream, uniform
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, one_view, sensed
-from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, nearest, trace
+from pmcl_ros.simulation.scenes.trace import BRANCHES, DEPTH, nearest
 from pmcl_ros.simulation.scenes.world import World
 
 _SAMPLES = 2  # rays of a pixel, in a picture of a small aperture
@@ -53,8 +53,7 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
                         *grid.positions[row, column], column - grid.centre[1],
                         row - grid.centre[0], sensor.focus, sensor.pupil])
     picture = np.zeros((camera.height, camera.width, 3), np.float32)
-    (_render if len(world.lamps) == 0 else render_lit)(world, numbers, samples,
-                                                       np.uint64(seed), picture)
+    _render(world, numbers, samples, np.uint64(seed), picture)
     return picture
 
 
@@ -85,14 +84,15 @@ def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no
     shift_x, shift_y = uniform(start), uniform(start)
     for i in rounds(height, portion):
         state = stream(seed, i)
-        waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
-        stack, light = np.zeros(DEPTH, np.int64), np.zeros(3)
+        waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
+        stack, light, seen = np.zeros(DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
         for j in range(width):
             light[:] = 0
             for k in range(samples):
                 ox, oy, dx, dy, dz = eye_ray(state, numbers, shift_x, shift_y, i, j,
                                              i * samples + k)
-                trace(world, waiting, hit, stack, state, light, ox, oy, 0.0, dx, dy, dz)
+                follow(world, waiting, hit, other, stack, state, seen, light, ox, oy, 0.0, dx, dy,
+                       dz)
             for channel in range(3):
                 picture[i, j, channel] = light[channel] / samples
 
