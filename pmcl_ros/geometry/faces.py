@@ -40,30 +40,13 @@ class Faces:
         starts = np.cumsum([0, *map(len, levels)])
         return cls(corners, np.concatenate(levels), np.asarray(starts, np.int64))
 
-    def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) distance of points (n, 3) to the nearest face [m]."""
-        points = np.ascontiguousarray(points, np.float64)  # as most are: one kernel serves all
-        return np.asarray(_to_faces(points, self.triangles, self.boxes, self.starts))
-
     def farthest(self, points: NDArray[np.float64]) -> float:
-        """The largest of the `distances` of points (n, 3) [m], 0 without a point.
+        """The largest distance of points (n, 3) to their nearest face [m], 0 without a point.
 
-        It is found sooner than all of them: of most points a near face is enough.
+        It is found sooner than all distances: of most points a near face is enough.
         """
-        points = np.ascontiguousarray(points, np.float64)
+        points = np.ascontiguousarray(points, np.float64)  # as most are: one kernel serves all
         return float(_farthest(points, self.triangles, self.boxes, self.starts))
-
-
-@compiled()
-def _to_faces(points, triangles, boxes, starts):  # type: ignore[no-untyped-def]
-    """(n,) distance of points (n, 3) to the nearest triangle."""
-    result = np.zeros(len(points))
-    levels, places = np.zeros(_DEPTH, np.int64), np.zeros(_DEPTH, np.int64)
-    bounds = np.zeros(_DEPTH)
-    for n in range(len(points)):
-        result[n] = np.sqrt(_to_nearest(points[n], triangles, boxes, starts, 0.0, levels, places,
-                                        bounds))
-    return result
 
 
 @compiled()

@@ -41,8 +41,3 @@ class Surface:
                 if farthest > limit:
                     return math.inf
         return farthest
-
-
-def moved_by(mesh: trimesh.Trimesh, motions: NDArray[np.float64]) -> float:
-    """How far motions (n, 4, 4) take points of a mesh's surface off it at most [m]."""
-    return Surface.from_mesh(mesh).moved_by(motions)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pmcl_ros.geometry.moved_surface import moved_by
+from pmcl_ros.geometry.moved_surface import Surface
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
 
@@ -24,7 +24,7 @@ _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 def check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
                    ) -> None:
     """Warn if declared motions move the surface: that may be meant, as with a small mark."""
-    off = moved_by(mesh, motions)
+    off = Surface.from_mesh(mesh).moved_by(motions)
     if off > 0.02 * float(np.linalg.norm(mesh.extents)):
         _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
                      'apart count as one', name, what, 1e3 * off)

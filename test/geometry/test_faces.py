@@ -19,12 +19,14 @@ def test_distances_to_faces_are_those_of_trimesh(seed, count):
     larger = mesh.copy().apply_scale(1e4)  # trimesh takes small triangles for points
     expected = trimesh.proximity.closest_point_naive(larger, 1e4 * points)[1] / 1e4
     faces = Faces.from_mesh(mesh)
-    np.testing.assert_allclose(faces.distances(points), expected, atol=1e-9)
+    found = [faces.farthest(each[None]) for each in points]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
     assert faces.farthest(points) == pytest.approx(expected.max(), abs=1e-9)
 
 
 def test_faces_without_area_are_edges_and_points():
     corners = np.array([[[0, 0, 0], [1.0, 0, 0], [1, 0, 0]], [[5, 0, 0]] * 3])
     mesh = trimesh.Trimesh(corners.reshape(-1, 3), np.arange(6).reshape(-1, 3), process=False)
-    found = Faces.from_mesh(mesh).distances(np.array([[0.5, 2.0, 0], [-3, 4, 0], [5, 0, 1]]))
+    faces, points = Faces.from_mesh(mesh), np.array([[0.5, 2.0, 0], [-3, 4, 0], [5, 0, 1]])
+    found = [faces.farthest(each[None]) for each in points]
     assert found == pytest.approx([2, 5, 1], abs=1e-12)

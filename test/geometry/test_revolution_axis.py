@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pmcl_ros.geometry.moved_surface import Surface, moved_by
+from pmcl_ros.geometry.moved_surface import Surface
 from pmcl_ros.geometry.revolution_axis import revolution_axis
 from pmcl_ros.geometry.se3 import pose_of, rotations_about
 
@@ -25,9 +25,10 @@ def ellipse(share):
 @pytest.mark.parametrize('sides', [3, 4, 6, 8, 12, 24])
 def test_a_prism_is_off_itself_by_what_its_sides_are_flat(sides):
     half = rotations_about(Z, np.array([np.pi / sides]))
-    assert moved_by(prism(sides), half) == pytest.approx(
+    surface = Surface.from_mesh(prism(sides))
+    assert surface.moved_by(half) == pytest.approx(
         RADIUS * (1 - np.cos(np.pi / sides)), abs=1e-4)
-    assert moved_by(prism(sides), half @ half) == pytest.approx(0, abs=1e-9)
+    assert surface.moved_by(half @ half) == pytest.approx(0, abs=1e-9)
 
 
 def test_beyond_a_limit_no_distance_is_told():

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.moved_surface import moved_by
+from pmcl_ros.geometry.moved_surface import Surface
 from pmcl_ros.geometry.revolution_axis import ANGLES
 from pmcl_ros.geometry.se3 import least_turn, pose_of, rotations_about
 from pmcl_ros.pmcl.appearance import Appearance
@@ -112,7 +112,7 @@ class _Description:
         mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
         if self.model.closed and mesh.euler_number < _BALL:
             return self._meshed(vertices, is_hollow)  # a ring, which its outline would fill
-        off = moved_by(mesh, _TURNS)
+        off = Surface.from_mesh(mesh).moved_by(_TURNS)
         if self.model.closed and off > _ROUND * outer[:, 0].max():
             try:
                 return self._meshed(vertices, is_hollow)  # it has a handle, say
