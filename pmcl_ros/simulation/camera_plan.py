@@ -16,7 +16,6 @@ from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
-from pmcl_ros.simulation.scenes.hiding_sheets import hiding_sheets
 from pmcl_ros.simulation.scenes.scene import Scene
 
 _ARC = re.compile(r'arc:(\d{1,3}):(\d{1,3}(?:\.\d*)?)')
@@ -132,7 +131,7 @@ def without_walls_between(scene: Scene, cameras: NDArray[np.float64]) -> Scene:
     A wall is behind what the scene's own camera sees; cameras far aside would look at its back.
     """
     up = scene.world_from_camera[2]
-    hides = hiding_sheets(scene, cameras[:, :3, 3])
+    hides = scene.hiding_sheets(cameras[:, :3, 3])
     return replace(scene, sheets=tuple(
         each for each, is_between in zip(scene.sheets, hides, strict=True)
         if not (is_between and abs(up @ each.pose[:3, 2]) < _STANDING)))

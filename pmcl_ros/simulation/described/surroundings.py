@@ -20,7 +20,6 @@ from pmcl_ros.simulation.scenes.broad_scene import (
     random_view,
 )
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
-from pmcl_ros.simulation.scenes.hiding_sheets import hiding_sheets
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, placed, random_target
 from pmcl_ros.simulation.scenes.scene import Scene
@@ -74,7 +73,7 @@ def described_scene(rng: np.random.Generator, item: SceneObject, surroundings: S
         return replace(scene, name=f'random: {item.name}')
     for _ in range(_TRIES):
         scene = _drawn(rng, item, surroundings, sensor, of, ring)
-        if not any(hiding_sheets(scene, np.zeros((1, 3)))):
+        if not any(scene.hiding_sheets(np.zeros((1, 3)))):
             return scene
     raise SimulationError(f'{surroundings}: {item.name} was hidden in {_TRIES} scenes in a row; '
                           'choose other surroundings')

@@ -67,6 +67,16 @@ class Sheet:
     coat: float = 1.0
     roughness: float = 0.0
 
+    def is_between(self, eyes: NDArray[np.float64], middles: NDArray[np.float64]) -> bool:
+        """Whether it is on the way from one of points (n, 3) to one of others (m, 3) [m]."""
+        here, there = ((points - self.pose[:3, 3]) @ self.pose[:3, :3]
+                       for points in (eyes[:, None], middles))
+        ahead = there - here  # (eyes, middles, 3)
+        with np.errstate(divide='ignore', invalid='ignore'):  # a ray along the sheet
+            met = here[..., :2] - here[..., 2:] / ahead[..., 2:] * ahead[..., :2]
+        apart = here[..., 2] * there[..., 2] < 0
+        return bool((apart & (np.abs(met) < np.array(self.size) / 2).all(axis=-1)).any())
+
 
 @dataclass(frozen=True)
 class Target:
@@ -116,3 +126,12 @@ class Scene:
     targets: tuple[Target, ...]
     owners: tuple[int, ...]
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def hiding_sheets(self, eyes: NDArray[np.float64]) -> list[bool]:
+        """Of each sheet, whether it is opaque and between the middle of a target and an eye.
+
+        eyes: (n, 3) in the camera's frame [m].
+        """
+        middles = np.array([each.pose[:3, :3] @ each.vertices.mean(axis=0) + each.pose[:3, 3]
+                            for each in self.targets])
+        return [each.opacity == 1 and each.is_between(eyes, middles) for each in self.sheets]
