@@ -3,7 +3,7 @@
 import errno
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -12,6 +12,9 @@ from pmcl_ros.runtime.errors import PmclError, SettingsError, error_line, is_out
 from pmcl_ros.runtime.imports import imported
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import calibration_file
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 STDERR = Console(stderr=True)
 
@@ -76,6 +79,13 @@ def check_scheduler(backend: str, scheduler: str | None) -> None:
     if scheduler and backend != 'dask':
         raise click.UsageError(f'--scheduler {scheduler} is of a Dask cluster: say --backend dask '
                                'too')
+
+
+def counter() -> 'Progress':
+    """A bar that counts what is done, with the time that is left."""
+    from rich.progress import MofNCompleteColumn, Progress  # quick commands show none
+    *columns, time_left = Progress.get_default_columns()
+    return Progress(*columns, MofNCompleteColumn(), time_left, console=STDERR, transient=True)
 
 
 def results_in(out: Path, force: bool) -> Results:

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.cli.base import (
@@ -22,6 +21,7 @@ from pmcl_ros.cli.base import (
     WHITE,
     Needed,
     calibration_type,
+    counter,
     results_in,
 )
 from pmcl_ros.cli.cameras.calibrate import run_calibration
@@ -204,9 +204,8 @@ def _camera(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
 def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Callable[[], bool],
          done: list[Trial], results: Results | None) -> None:
     """Do all jobs; append each trial to `done`, and to results.csv."""
-    columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(Progress(*columns, console=STDERR, transient=True))
+        bar = stack.enter_context(counter())
         task = bar.add_task('', total=len(jobs))
         file = None if results is None else stack.enter_context(
             TrialsFile(results.path('results.csv')))

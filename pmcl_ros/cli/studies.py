@@ -13,7 +13,7 @@ import numpy as np
 from rich import progress
 
 from pmcl_ros.cli.base import CAMERA as ORDINARY
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, counter, results_in
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.pool import broken_pool
 from pmcl_ros.evaluation.recall import median, share, values
@@ -271,9 +271,7 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
         results.reserve('track.md', *(f'track_{k:03d}.png' for k in range(seed, seed + count)))
     rows: list[dict[str, str]] = []
     played: list[list[Trial]] = []
-    columns = (*progress.Progress.get_default_columns()[:3], progress.MofNCompleteColumn(),
-               progress.TimeRemainingColumn())
-    with progress.Progress(*columns, console=STDERR, transient=True) as bar:
+    with counter() as bar:
         task = bar.add_task('', total=count * frames)
         for number in range(seed, seed + count):
             sequence = Sequence(number, settings)

@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 
 import click
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, counter, results_in
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
@@ -71,8 +70,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     written = results_in(out, force).path(NAME)
     seeds = range(seed, seed + count)
     seen, given = [], []
-    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
-                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
+    with counter() as bar:
         task = bar.add_task('trials', total=count)
         for each in seeds:
             seen.append(series.run(each))

@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 
 import click
 import numpy as np
-from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros import __version__
-from pmcl_ros.cli.base import OBJECT, STDERR, with_options
+from pmcl_ros.cli.base import OBJECT, counter, with_options
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import write_file
@@ -247,8 +246,7 @@ def shown(name: str, count: int, work: Callable[[Callable[[float], None]], Itera
 
     work: takes a function that it may call with the share done of the next result.
     """
-    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
-                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
+    with counter() as bar:
         task, done = bar.add_task(name, total=count), 0
 
         def show(part: float) -> None:

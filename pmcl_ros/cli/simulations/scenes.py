@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.progress import Progress, TimeRemainingColumn
+from rich.progress import Progress
 
 from pmcl_ros import __version__
 from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler, process_options
@@ -168,8 +168,7 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
               'camera_speed': camera_speed, 'views': views, 'size': size}
     kinds = {'kinds': [kind]} if kind else {}
     made = Sequence(seed, SequenceSettings.make(values | kinds, 'pmcl scenes sequence'))
-    with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
-                  transient=True) as bar:
+    with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task(made.kind, total=len(made))
         write_sequence(out, made, lambda done: bar.update(task, completed=done), force)
     click.echo(f'{out}: {made.kind}, {made.model.name}')
