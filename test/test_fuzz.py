@@ -26,6 +26,7 @@ NAMES = [
     'mosaic', 'stl', 'stl in text', 'obj', 'ply', 'ply in text', 'off', 'glb', 'object', 'grasps',
     'light_field.yaml', 'views.yaml', 'sweep.yaml', 'transforms.json', 'bop', 'scene_gt.json',
     'scene_gt_info.json', 'targets', 'hci', 'cameras.txt', 'images.txt',
+    'cameras.bin', 'images.bin',
     'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth',
     'sweep plan', 'camera plan', 'camera', 'camera of ROS', 'collect', 'candidates',
     'gripper', 'token',

@@ -43,7 +43,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
     folder of the 4D Light Field Benchmark. Pictures of ordinary cameras are a views.yaml, or the
-    folder with it, a transforms.json, the folder of a COLMAP text model or of a BOP scene, or a
+    folder with it, a transforms.json, the folder of a COLMAP model or of a BOP scene, or a
     picture of one. With poses of the cameras, the region and the pose are in their reference
     frame. A bag is one of raw pictures, of views, of posed views, or a robot's of images,
     camera_info and poses.

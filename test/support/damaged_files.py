@@ -2,6 +2,7 @@
 
 import json
 import lzma
+import shutil
 import sqlite3
 import struct
 import zipfile
@@ -272,9 +273,16 @@ def view_formats(folder):
     cameras = b'# cameras\n7 OPENCV 48 36 20 21 6.0 4.5 0.1 0.01 0 0\n'
     images = '\n'.join(f'{number} 1 0 0 0 {0.1 * number} 0 0 7 v_0_{number}.png\n1.0 2.0 -1'
                        for number in range(3)).encode()
-    place = folder / 'colmap'
+    place, binary = folder / 'colmap', folder / 'colmap_binary'
     (place / 'cameras.txt').write_bytes(cameras)
     (place / 'images.txt').write_bytes(images)
+    shutil.copytree(place / 'images', binary / 'images')
+    cameras_bin = struct.pack('<QiiQQ8d', 1, 7, 4, 48, 36, 20, 21, 6, 4.5, 0.1, 0.01, 0, 0)
+    images_bin = struct.pack('<Q', 3) + b''.join(struct.pack(
+        '<i7di9sxQddq', number, 1, 0, 0, 0, 0.1 * number, 0, 0, 7, f'v_0_{number}.png'.encode(),
+        1, 1.0, 2.0, -1) for number in range(3))
+    (binary / 'cameras.bin').write_bytes(cameras_bin)
+    (binary / 'images.bin').write_bytes(images_bin)
     npz = folder / 'views.npz'
     made_field = LightField(HEADER, RNG.random((1, 3, 9, 12, 3)).astype(np.float32), ViewGrid(
         PINHOLE, 0.01, nominal_positions(1, 3), np.ones((1, 3), np.float32)))
@@ -307,6 +315,8 @@ def view_formats(folder):
             folder / 'hci'),
         'cameras.txt': at(place, 'cameras.txt', cameras, colmap, place),
         'images.txt': at(place, 'images.txt', images, colmap, place),
+        'cameras.bin': at(binary, 'cameras.bin', cameras_bin, colmap, binary),
+        'images.bin': at(binary, 'images.bin', images_bin, colmap, binary),
         'npz': at(folder, 'views.npz', npz.read_bytes(),
                   lambda path: read_light_field(path).views.tolist(), exact=True),
         'npz with right checksums': npz_of_header(folder / 'made.npz', npz)}

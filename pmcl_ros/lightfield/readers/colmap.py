@@ -1,10 +1,12 @@
-"""COLMAP's text models as posed views: cameras.txt and images.txt.
+"""COLMAP's models as posed views: cameras.txt and images.txt, or cameras.bin and images.bin.
 
 Formats: colmap.github.io/format.html. A model has no metric scale, and names no masks.
 """
 
+import itertools
 import logging
 import os
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,21 +18,28 @@ from numpy.typing import NDArray
 from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
+from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
 _FRAME = 'colmap'  # of the poses of a model
-_CAMERAS, _IMAGES = 'cameras.txt', 'images.txt'
+_CAMERAS, _IMAGES = 'cameras', 'images'
+_ENDINGS = '.txt', '.bin'  # of a model as text, which comes first, or in binary form
 _PLACES = ('', 'sparse/0', 'sparse')  # of a model in the folder of a project
 _PNG = '.png'
-_MOST_BYTES = 2 ** 28  # of images.txt, which lists all points too
-# Parameters of a model: of the camera matrix, then the distortion in OpenCV's order.
+_MOST_BYTES = 2 ** 28  # of images, which list all points too
+# Parameters of a model: of the camera matrix, then the distortion in OpenCV's order. Binary forms
+# have the number of a model: from 0 on, in the order of `_NUMBERED`.
 _MODELS = {
     'SIMPLE_PINHOLE': ('f cx cy', ''), 'PINHOLE': ('fx fy cx cy', ''),
     'SIMPLE_RADIAL': ('f cx cy', 'k1'), 'RADIAL': ('f cx cy', 'k1 k2'),
     'OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2'),
     'FULL_OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2 k3 k4 k5 k6'),
     'OPENCV_FISHEYE': ('fx fy cx cy', 'k1 k2 k3 k4')}
+_NUMBERED = ('SIMPLE_PINHOLE', 'PINHOLE', 'SIMPLE_RADIAL', 'RADIAL', 'OPENCV', 'OPENCV_FISHEYE',
+             'FULL_OPENCV')
+_CAMERA, _IMAGE = struct.Struct('<iiQQ'), struct.Struct('<i7di')
+_POINT = 24  # bytes, of an image
 
 
 @dataclass(frozen=True)
@@ -41,15 +50,15 @@ class _Image:
 
 
 def model_folder(path: Path) -> Path | None:
-    """Where in a folder a text model lies: there, in sparse/0 or in sparse; None: nowhere."""
-    return next((path / each for each in _PLACES
-                 if (path / each / _CAMERAS).is_file() and (path / each / _IMAGES).is_file()),
-                None)
+    """Where in a folder a model lies: there, in sparse/0 or in sparse; None: nowhere."""
+    return next((path / each for each in _PLACES if _files(path / each) is not None), None)
 
 
-def is_binary(path: Path) -> bool:
-    """Whether a model in binary form lies there."""
-    return any((path / each / Path(_IMAGES).with_suffix('.bin')).is_file() for each in _PLACES)
+def _files(folder: Path) -> tuple[Path, Path] | None:
+    """Cameras and images of the model that lies there; None: there is none."""
+    both = ((folder / f'{_CAMERAS}{ending}', folder / f'{_IMAGES}{ending}')
+            for ending in _ENDINGS)
+    return next((each for each in both if all(file.is_file() for file in each)), None)
 
 
 def load(path: Path, metric: Metric | None, masks: Path | None = None) -> tuple[ViewsFile, Path]:
@@ -60,10 +69,11 @@ def load(path: Path, metric: Metric | None, masks: Path | None = None) -> tuple[
     model, in metres. Raises LightFieldError saying what is wrong, and without a metric scale.
     """
     folder = model_folder(path)
-    if folder is None:
-        raise LightFieldError(f'{path} has no {_CAMERAS} and {_IMAGES}')
-    cameras = dict(_cameras(folder / _CAMERAS))
-    images = list(_images(folder / _IMAGES))
+    files = None if folder is None else _files(folder)
+    if folder is None or files is None:
+        raise LightFieldError(f'{path} has no {_CAMERAS}.txt and {_IMAGES}.txt, nor .bin')
+    cameras = dict(_cameras(files[0]))
+    images = list(_images(files[1]))
     scale = (metric or Metric()).metres_per_unit(
         {each.name: each.camera_to_world[:3, 3] for each in images},
         f'{folder}, a COLMAP model,')
@@ -97,7 +107,10 @@ def _add_masks(masks: Path, cameras: dict[str, dict[str, Any]], views: list[dict
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Numbered lines that are no comments; empty ones too."""
+    """Numbered lines that are no comments, empty ones too; of a binary form those of its text."""
+    if path.suffix == _ENDINGS[1]:
+        yield from _lines_of_binary(path)
+        return
     try:
         with path.open(encoding='utf-8-sig') as stream:
             if os.fstat(stream.fileno()).st_size > _MOST_BYTES:
@@ -108,6 +121,47 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                     yield number, line.strip()
     except (OSError, UnicodeDecodeError) as error:
         raise LightFieldError(f'cannot read {path}: {error}') from None
+
+
+def _lines_of_binary(path: Path) -> Iterator[tuple[int, str]]:
+    """What the text form says, without points, numbered as cameras or images are."""
+    data = read_bytes(path, _MOST_BYTES, 'is it of COLMAP?')
+    records = _camera_lines if path.stem == _CAMERAS else _image_lines
+    number = 0
+    try:
+        count, = struct.unpack_from('<Q', data)
+        for number, line in enumerate(itertools.islice(records(data), count), 1):
+            yield number, line
+            if records is _image_lines:
+                yield number, ''  # of its points
+    except (struct.error, ValueError) as error:
+        raise LightFieldError(f'{path} is damaged, or of another format: after {number} '
+                              f'{path.stem} {error}') from None
+
+
+def _camera_lines(data: bytes) -> Iterator[str]:
+    at = 8
+    while True:
+        name, model, width, height = _CAMERA.unpack_from(data, at)
+        if not 0 <= model < len(_NUMBERED):
+            yield f'{name} {model}'
+            return
+        kind = _NUMBERED[model]
+        numbers = struct.unpack_from(f'<{len(" ".join(_MODELS[kind]).split())}d', data,
+                                     at + _CAMERA.size)
+        at += _CAMERA.size + 8 * len(numbers)
+        yield f'{name} {kind} {width} {height} {" ".join(map(repr, numbers))}'
+
+
+def _image_lines(data: bytes) -> Iterator[str]:
+    at = 8
+    while True:
+        numbers = _IMAGE.unpack_from(data, at)
+        at += _IMAGE.size
+        end = data.index(b'\0', at)
+        points, = struct.unpack_from('<Q', data, end + 1)
+        yield f'{" ".join(map(repr, numbers))} {data[at:end].decode()}'
+        at = end + 9 + _POINT * points
 
 
 def _cameras(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:

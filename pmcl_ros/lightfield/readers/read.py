@@ -31,7 +31,7 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
     """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
     path: as of `read_light_field`; or a views.yaml, a sweep.yaml of a camera that went around an
-    object, a transforms.json, the folder of a COLMAP text model, of a BOP scene, or a picture of
+    object, a transforms.json, the folder of a COLMAP model, of a BOP scene, or a picture of
     one. A single picture whose camera has no pose is a `PosedView`: the camera is the reference
     frame. metric: of a COLMAP model or a transforms.json, else not used. masks: of a COLMAP model
     (`colmap.load`), else not used.
@@ -210,10 +210,6 @@ def check_folder(path: Path) -> None:
     bop.check_no_root(path)
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
-    if colmap.is_binary(path):
-        raise LightFieldError(f'{path} has a COLMAP model in binary form; write it as text: '
-                              'colmap model_converter --input_path MODEL --output_path MODEL '
-                              '--output_type TXT')
     raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz with the '
                           f'geometry of its views; write {folder.NAME} '
                           '(docs/howto/light_fields.md), or of ordinary pictures '

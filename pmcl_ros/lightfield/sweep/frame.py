@@ -108,8 +108,9 @@ class Lens:
         """
         pinhole = self.pinhole.resized(_COARSE, _COARSE)
         x, y = replace(self, pinhole=pinhole).places(np.eye(3), pinhole)
-        areas = (np.diff(x, axis=1)[:-1] * np.diff(y, axis=0)[:, :-1]
-                 - np.diff(x, axis=0)[:, :-1] * np.diff(y, axis=1)[:-1])
+        with np.errstate(over='ignore', invalid='ignore'):  # far outside, by absurd coefficients
+            areas = (np.diff(x, axis=1)[:-1] * np.diff(y, axis=0)[:, :-1]
+                     - np.diff(x, axis=0)[:, :-1] * np.diff(y, axis=1)[:-1])
         inside = (x >= 0) & (x <= _COARSE - 1) & (y >= 0) & (y <= _COARSE - 1)
         return np.asarray(areas[inside[:-1, :-1]], np.float64)
 

@@ -1,6 +1,7 @@
 """COLMAP models and BOP scenes: the same views as from a views.yaml, and what is refused."""
 
 import json
+import struct
 from pathlib import Path
 
 import cv2
@@ -17,8 +18,8 @@ from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import bop as bop_reader
 from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.read import (
-    check_folder,
     has_posed_views,
+    is_colmap,
     is_light_field,
     pictures_alone,
     read_source,
@@ -116,12 +117,59 @@ def test_a_colmap_model_is_the_same_views(tmp_path):
     same(read_source(folder, metric=Metric(2.5)), expected)
 
 
-def test_a_binary_model_is_told(tmp_path):
+MODEL_NUMBERS = {'SIMPLE_PINHOLE': 0, 'PINHOLE': 1, 'SIMPLE_RADIAL': 2, 'RADIAL': 3, 'OPENCV': 4,
+                 'OPENCV_FISHEYE': 5, 'FULL_OPENCV': 6}
+
+
+def make_binary(folder):
+    """The text model of a folder in binary form, as COLMAP's documentation has it."""
+    lines = [line.split() for line in (folder / 'cameras.txt').read_text().splitlines()
+             if not line.startswith('#')]
+    (folder / 'cameras.bin').write_bytes(struct.pack('<Q', len(lines)) + b''.join(
+        struct.pack(f'<iiQQ{len(numbers)}d', int(name), MODEL_NUMBERS[model], int(width),
+                    int(height), *map(float, numbers))
+        for name, model, width, height, *numbers in lines))
+    lines = [line.split() for line in (folder / 'images.txt').read_text().split('\n')[1:]]
+    data = struct.pack('<Q', len(lines) // 2)
+    for (number, *pose, camera, name), points in zip(lines[::2], lines[1::2], strict=False):
+        data += struct.pack('<i7di', int(number), *map(float, pose), int(camera))
+        data += name.encode() + struct.pack('<xQ', len(points) // 3)
+        for x, y, point in zip(points[::3], points[1::3], points[2::3], strict=True):
+            data += struct.pack('<ddq', float(x), float(y), int(point))
+    (folder / 'images.bin').write_bytes(data)
+    for name in ('cameras', 'images'):
+        (folder / f'{name}.txt').unlink()
+
+
+@pytest.mark.parametrize(('model', 'parameters', 'distortion'), [
+    ('OPENCV', None, DISTORTION), ('SIMPLE_PINHOLE', (40.0, 23.75, 18.0), []),
+    ('RADIAL', (40.0, 23.75, 18.0, -0.2, 0.05), [-0.2, 0.05, 0, 0])])
+def test_a_binary_model_is_the_same_as_its_text(tmp_path, model, parameters, distortion):
+    folder = colmap(tmp_path / 'colmap', model=model, parameters=parameters)
+    expected = read_source(folder, metric=Metric(2.5))
+    if model == 'OPENCV':
+        same(expected, own(tmp_path / 'own', distortion))
+    make_binary(folder / 'sparse' / '0')
+    same(read_source(folder, metric=Metric(2.5)), expected)
+    assert is_colmap(folder)
+
+
+@pytest.mark.parametrize(('name', 'change', 'reason'), [
+    ('images', lambda data: data[:-9], 'images.bin is damaged, .*after [12] images'),
+    ('images', lambda data: data[:3], 'images.bin is damaged, .*after 0 images'),
+    ('cameras', lambda data: data[:-1], 'cameras.bin is damaged, .*after 0 cameras'),
+    ('cameras', lambda data: data[:12] + b'\7' + data[13:],
+     'cameras.bin:1: the camera model 7 is not known, only'),
+    ('images', lambda data: data.replace(b'a.png', b'\xff.png'), "after 0 images 'utf-8' codec"),
+])
+def test_a_damaged_binary_model_is_told(tmp_path, name, change, reason):
     folder = colmap(tmp_path)
-    for each in (folder / 'sparse/0').iterdir():
-        each.rename(each.with_suffix('.bin'))
-    with pytest.raises(LightFieldError, match='binary form; write it as text: colmap model_conv'):
-        check_folder(folder)
+    make_binary(folder / 'sparse' / '0')
+    file = folder / 'sparse/0' / f'{name}.bin'
+    file.write_bytes(change(file.read_bytes()))
+    with pytest.raises(LightFieldError, match=reason) as caught:
+        read_source(folder, metric=Metric(1.0))
+    assert '\n' not in str(caught.value)
 
 
 def test_a_list_of_views_may_have_another_name(tmp_path):
