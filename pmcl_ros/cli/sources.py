@@ -206,7 +206,8 @@ class GivenSource(GivenReading):
     def _open_bag(self, reading: Reading) -> Opened:
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a bag: --every and --shrink are for light '
-                                   'fields; of images with poses shrink is a key of --collect')
+                                   'fields and lists of pictures; of images with poses shrink is '
+                                   'a key of --collect')
         capture = reading.read_bag(self.source)
         if isinstance(capture, RawFrame):
             return _decoded(capture, self.calibration or _configured('calibration'),
@@ -229,7 +230,7 @@ class GivenSource(GivenReading):
         """Raise UsageError for options that are not for a raw picture."""
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
-                                   'light fields')
+                                   'light fields and lists of pictures')
         if self._reading().errors is not None:
             raise click.UsageError(f'{self.source} is a raw picture: --sigma-mm and --sigma-deg '
                                    'are for posed views')
