@@ -17,6 +17,7 @@ from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from, decompressed_from
+from pmcl_ros.nodes.runtime.awaited_inputs import publishers
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.runtime.errors import MessageError
 
@@ -56,30 +57,24 @@ class Silence:
 
     def __init__(self, node: StageNode, pictures: Sequence[Subscription]) -> None:
         self._node, self._pictures = node, pictures
-        self._heard, self._silent, self._told = time.monotonic(), False, False
+        self._heard, self._told = time.monotonic(), False
 
     def broken(self) -> None:
         """A picture has come, or none is awaited."""
         self._heard = time.monotonic()
-        if self._silent:
-            self._silent = False
-            self._node.health.recovered()
+        self._node.health.came()
 
     def look(self) -> None:
         """To be called now and then: after 5 s of silence /diagnostics tells it, the log once."""
-        health = self._node.health
-        failed = health.level == DiagnosticStatus.ERROR  # that is told until there is a result
-        if self._silent or failed or time.monotonic() - self._heard < _SILENCE:
+        if time.monotonic() - self._heard < _SILENCE:
             return
-        self._silent = True
-        awaited = ', '.join(f'{each.topic_name} (publishers: {each.get_publisher_count()})'
+        awaited = ', '.join(f'{each.topic_name} ({publishers(self._node, each)})'
                             for each in self._pictures)
         text = f'no picture for {_SILENCE:g} s; awaited on {awaited}'
-        if not health.frames_out or not all(each.get_publisher_count()
-                                            for each in self._pictures):
-            health.warn(text)
-        elif health.level == DiagnosticStatus.OK:
-            health.message = text  # cameras that are there may be triggered rarely
+        # Cameras that are there may be triggered rarely.
+        usual = self._node.health.frames_out and all(
+            each.get_publisher_count() for each in self._pictures)
+        self._node.health.awaits(text, DiagnosticStatus.OK if usual else DiagnosticStatus.WARN)
         if not self._told:
             self._told = True
             self._node.get_logger().warning(

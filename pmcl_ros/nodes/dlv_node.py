@@ -25,6 +25,7 @@ from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_f
 from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import edges_to_message, map_to_message, volume_to_message
 from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
+from pmcl_ros.nodes.runtime.awaited_inputs import AwaitedInputs
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
@@ -112,11 +113,12 @@ class DlvNode(StageNode):
             'dlv/depth or dlv/layers')
         # `pmcl_node` reads posed views themselves: their volume is for whoever wants it.
         self._of_views = DeferredPublisher(self, self._volumes, '')
-        subscribe_posed_views(self, self._on_views)
-        for topic, (kind, check, qos) in _INPUTS.items():
-            subscribe_value(self, kind, topic, part_from(check),
-                            partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
-                            announced=True)
+        posed = subscribe_posed_views(self, self._on_views)
+        views = [subscribe_value(self, kind, topic, part_from(check),
+                                 partial(self._on_part, topic), qos,
+                                 each_a_capture=topic == 'views', announced=True)
+                 for topic, (kind, check, qos) in _INPUTS.items()]
+        AwaitedInputs(self, lambda: (views, posed))
 
     def _on_part(self, topic: str, part: LightField | Part) -> None:
         self.health.frames_in += topic == 'views'

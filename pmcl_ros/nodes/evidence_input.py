@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
+from rclpy.subscription import Subscription
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
@@ -51,13 +52,16 @@ class EvidenceInput:
         self._node, self._callback, self._discovery = node, callback, discovery
         self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
         self._maps: _Maps | None = None
-        self._volumes: ExitStack | None = None  # the subscription to dlv, while there is one
+        self._evidence: Subscription | None = None  # but in the mode faithful
+        self._scope = ExitStack()  # of the subscription to dlv, where edges may come
+        self._volumes: Subscription | None = None  # while there is one
         self._since = 0.0  # when it was made
         self._alone = False  # at the last look: dlv was published, and the evidence was not
         # A volume that waits for its evidence, and since when.
         self._held: tuple[float, DepthLikelihoodVolume] | None = None
         if settings.mode == 'faithful':
-            subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback, BIG)
+            self._volumes = subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback,
+                                            BIG)
             return
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
@@ -67,6 +71,10 @@ class EvidenceInput:
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
+
+    def ways(self) -> list[list[Subscription]]:
+        """The subscriptions that there are, for `AwaitedInputs`: any one is enough."""
+        return [[each] for each in (self._evidence, self._volumes) if each is not None]
 
     def forget(self) -> None:
         """Drop the volume that waits for its evidence, and what came before."""
@@ -100,7 +108,7 @@ class EvidenceInput:
 
     def _published(self) -> bool:
         """Whether DDS has discovered a publisher of the evidence."""
-        return self._evidence.get_publisher_count() > 0
+        return self._evidence is not None and self._evidence.get_publisher_count() > 0
 
     def _look(self) -> None:
         """Subscribe to dlv or end that, as publishers come and go."""
@@ -109,9 +117,9 @@ class EvidenceInput:
             self._node.resolve_topic_name('dlv')) > 0
         # Topics of one publisher are discovered at different times: one look is no proof.
         if alone and self._alone and self._volumes is None:
-            self._volumes, self._since = ExitStack(), time.monotonic()
-            subscribe_value(self._node, Float32MultiArray, 'dlv', volume_from,
-                            self._on_volume, BIG, scope=self._volumes)
+            self._since = time.monotonic()
+            self._volumes = subscribe_value(self._node, Float32MultiArray, 'dlv', volume_from,
+                                            self._on_volume, BIG, scope=self._scope)
         elif published:
             self._end_volumes()
         self._alone = alone
@@ -132,9 +140,8 @@ class EvidenceInput:
             self._callback(volume)
 
     def _end_volumes(self) -> None:
-        if self._volumes is not None:
-            self._volumes.close()
-            self._volumes = None
+        self._scope.close()
+        self._volumes = None
 
 
 class _Maps:

@@ -24,6 +24,7 @@ from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_ma
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import no_markers
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
+from pmcl_ros.nodes.runtime.awaited_inputs import AwaitedInputs
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -80,11 +81,13 @@ class GraspNode(StageNode):
         self.active.callback(self.publish_last, self._markers, no_markers())
         self.active.callback(self._stop)
         self._arm.start()
-        topics = [
+        poses = [
             self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both,
-                           SMALL).topic_name,
-            self.subscribe(PoseStamped, 'pose', self._on_pose, SMALL).topic_name]
-        self._name = _name_in(topics) or distinct_names([self._model.name])[0]
+                           SMALL),
+            self.subscribe(PoseStamped, 'pose', self._on_pose, SMALL)]
+        AwaitedInputs(self, lambda: [[each] for each in poses])  # either is enough
+        self._name = (_name_in([each.topic_name for each in poses])
+                      or distinct_names([self._model.name])[0])
         if self._settings.localizer:
             namespace = self.get_namespace().rstrip('/')
             self._localizer = f'{namespace}/{self._settings.localizer}'.lstrip('/')

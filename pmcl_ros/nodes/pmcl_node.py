@@ -29,6 +29,7 @@ from pmcl_ros.nodes.pmcl_outputs.overlays import Overlays
 from pmcl_ros.nodes.pmcl_outputs.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.posed_views_input import subscribe_posed_views
+from pmcl_ros.nodes.runtime.awaited_inputs import AwaitedInputs
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -120,12 +121,14 @@ class PmclNode(StageNode):
             self._camera_poses.start()
         self._input: EvidenceInput | None = None
         if self._posed:
-            subscribe_posed_views(self, self._on_evidence)
+            views = subscribe_posed_views(self, self._on_evidence)
+            AwaitedInputs(self, lambda: [views])
         else:
             self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
             self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
             self._input = EvidenceInput(self, self._settings, self._on_evidence,
                                         both=self._settings.searches_again)
+            AwaitedInputs(self, self._input.ways)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
         self._of_views.start()

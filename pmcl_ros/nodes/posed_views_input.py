@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseArray
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -24,7 +25,8 @@ _INPUTS: dict[str, tuple[type, Callable[[Any], object], Any]] = {
 }
 
 
-def subscribe_posed_views(node: StageNode, callback: Callable[[PosedViews], None]) -> None:
+def subscribe_posed_views(node: StageNode, callback: Callable[[PosedViews], None]
+                          ) -> list[Subscription]:
     """Subscribe to posed views, for `start` of a node. callback: gets them, once a stamp."""
     matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, node.dropped)
 
@@ -35,6 +37,6 @@ def subscribe_posed_views(node: StageNode, callback: Callable[[PosedViews], None
         elif complete := matching.add(topic, part.header.stamp_ns, part.message):
             callback(posed_views_from(*complete))
 
-    for topic, (kind, check, qos) in _INPUTS.items():
-        subscribe_value(node, kind, topic, part_from(check), partial(on_part, topic), qos,
-                        each_a_capture=topic == 'posed_views', announced=True)
+    return [subscribe_value(node, kind, topic, part_from(check), partial(on_part, topic), qos,
+                            each_a_capture=topic == 'posed_views', announced=True)
+            for topic, (kind, check, qos) in _INPUTS.items()]

@@ -16,6 +16,7 @@ from pmcl_ros.lightfield.decode import DecodeSettings
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.header import Part, part_from
 from pmcl_ros.messages.raw_frame import counts_from, metadata_from, raw_frame_from
+from pmcl_ros.nodes.runtime.awaited_inputs import AwaitedInputs
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
 from pmcl_ros.nodes.runtime.parameters import live_parameters
 from pmcl_ros.nodes.runtime.running import run
@@ -57,8 +58,9 @@ class SubapertureNode(StageNode):
         self._deferred = DeferredPublisher(self, self._outputs,
                                            'no subscriber of views or center')
         self._texts = self.subscribe(String, 'metadata', self._on_metadata, _LAST_LATCHED)
-        subscribe_value(self, Image, 'image_raw', part_from(counts_from),
-                        self._on_image, BIG)
+        images = subscribe_value(self, Image, 'image_raw', part_from(counts_from),
+                                 self._on_image, BIG)
+        AwaitedInputs(self, lambda: [(self._texts, images)])
 
     def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
         """Load what changed parameters name; that the last picture can be decoded shows it fits.

@@ -409,6 +409,35 @@ def test_that_all_cameras_are_silent_is_told_once(tmp_path, user, frames, settin
         assert node.log.count(f'{silent}: do the cameras run') == 1
 
 
+def test_a_picture_ends_the_silence_and_not_what_has_failed_since(
+        tmp_path, user, frames, settings):
+    """A camera_info was refused meanwhile: a picture of the other camera does not mend that."""
+    with Process(tmp_path, 'pmcl_ros.nodes.fixed_cameras', params=settings) as node:
+        assert all(user.change('fixed_cameras', CONFIGURE, ACTIVATE)), node.log
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        left, right = (Camera(user, frames[name]) for name in LENSES)
+
+        def level():
+            return states and states[-1].status[0].level
+
+        user.wait(lambda: level() == DiagnosticStatus.WARN, 'the silence')
+        right.tell(distortion=[0.1] * 3)
+        user.wait(lambda: level() == DiagnosticStatus.ERROR, 'the refusal')
+        refusal = states[-1].status[0].message
+        assert refusal.startswith('right/camera_info: ')
+        left.tell()
+        left.shoot()
+        states.clear()
+        user.wait(lambda: len(states) > 2, 'seconds after the picture')
+        told = states[-1].status[0]
+        assert (told.level, told.message) == (DiagnosticStatus.ERROR, refusal)
+        assert 'pictures of left' in {each.key for each in told.values}
+        right.tell()
+        views = user.listen(Image, 'posed_views', BIG)
+        right.shoot()
+        user.wait(lambda: views and level() == DiagnosticStatus.OK, 'the views')
+
+
 def test_after_a_camera_info_that_is_refused_pictures_wait_for_the_next_one(
         tmp_path, user, frames, settings):
     """What was known of the camera before is of another calibration."""

@@ -66,6 +66,7 @@ class StageNode(LifecycleNode):
         self.bus = bus or IntraProcessBus()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
+        self.heard: set[str] = set()  # topics of which something has come since activation
         self.sent_ns = 0  # when the message in hand was sent, by its publisher's clock
         self._repeated = RepeatedLines()
         self._described = Parameters(self, self.settings_class)
@@ -124,6 +125,7 @@ class StageNode(LifecycleNode):
                 if count:
                     missed(count)
                 self.sent_ns = info['source_timestamp'] or 0
+                self.heard.add(subscription.topic_name)
                 callback(message)
 
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
@@ -263,7 +265,7 @@ class StageNode(LifecycleNode):
         super().on_activate(state)
         self.active.callback(super().on_deactivate, state)
         self.health = Health(back_end=self.health.back_end)
-        self._repeated = RepeatedLines()
+        self._repeated, self.heard = RepeatedLines(), set()
         self.active.enter_context(self._diagnostics_publisher())
         namesakes = Namesakes(self, self.patience)
         self.every(_PERIOD, lambda: self._report(namesakes))

@@ -37,10 +37,18 @@ class Health:
     counts: dict[str, int] = field(default_factory=dict)
     clock: Callable[[], float] = time.monotonic
     lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
+    _awaited: tuple[bytes, str] | None = None
     _results: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
 
     def __post_init__(self) -> None:
         self._began = self.clock()
+
+    @property
+    def state(self) -> tuple[bytes, str]:
+        """Level and message that /diagnostics show."""
+        with self.lock:
+            own = self.level, self.message
+            return own if self._awaited is None or self._awaited[0] < own[0] else self._awaited
 
     @property
     def rate(self) -> float:
@@ -61,11 +69,23 @@ class Health:
             self.frames_out += 1
             self.latency_ms = 1000 * latency
             self.level, self.message = DiagnosticStatus.OK, message
+            self._awaited = None
 
     def warn(self, message: str) -> None:
         """The input was good, the result is not: say so until the next result."""
         with self.lock:
             self.level, self.message = DiagnosticStatus.WARN, message
+            self._awaited = None
+
+    def awaits(self, message: str, level: bytes) -> None:
+        """Something does not come: say so, but for what is worse, until it or a result comes."""
+        with self.lock:
+            self._awaited = level, message
+
+    def came(self) -> None:
+        """What was awaited has come, or is awaited no more; the state is as it was without."""
+        with self.lock:
+            self._awaited = None
 
     def failed(self, message: str) -> None:
         """An input could not be used: say so until the next result."""
@@ -87,7 +107,8 @@ class Health:
                 'dropped': self.dropped, 'errors': self.errors, 'last error': self.last_error,
                 'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
                 'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra}
+            level, message = self.state
             status = DiagnosticStatus(
-                level=self.level, name=name, message=self.message, hardware_id=self.hardware_id,
+                level=level, name=name, message=message, hardware_id=self.hardware_id,
                 values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         return DiagnosticArray(header=Header(stamp=time_to_message(stamp_ns)), status=[status])

@@ -125,6 +125,7 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
     def woken() -> None:
         with node.watched(topic):
             values, replaced = direct.take()
+            node.heard.add(subscription.topic_name)
             missed(replaced)
             for value in values:
                 log_once('by reference, from a node of this process')

@@ -65,6 +65,28 @@ def test_all_is_told(health):
     assert values['last error'] == 'views: dark'
 
 
+def test_what_is_awaited_is_told_until_it_or_a_result_comes(health):
+    """It hides nothing that is worse, and leaves the state as it was."""
+    health.done(0.25, 'found')
+    health.awaits('awaits /views', DiagnosticStatus.WARN)
+    assert health.state == (DiagnosticStatus.WARN, 'awaits /views')
+    assert (told(health)[0].level, told(health)[0].message) == health.state
+    health.failed('views: dark')
+    assert health.state == (DiagnosticStatus.ERROR, 'views: dark')
+    health.came()
+    assert health.state == (DiagnosticStatus.ERROR, 'views: dark')
+    health.done(0.25, 'found')
+    health.awaits('awaits /views', DiagnosticStatus.OK)
+    assert health.state == (DiagnosticStatus.OK, 'awaits /views')
+    health.came()
+    assert health.state == (DiagnosticStatus.OK, 'found')
+    for result, level in ((lambda: health.done(0.1, 'next'), DiagnosticStatus.OK),
+                          (lambda: health.warn('next'), DiagnosticStatus.WARN)):
+        health.awaits('awaits /views', DiagnosticStatus.WARN)
+        result()
+        assert health.state == (level, 'next')
+
+
 def test_no_report_has_a_part_of_a_result(health):
     """One thread sets results, another tells: as a search and the timer of /diagnostics do."""
     ended = threading.Event()
