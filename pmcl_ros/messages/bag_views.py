@@ -37,7 +37,8 @@ _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO, _POSE = 'sensor_msgs/msg/CameraInfo', 'geometry_msgs/msg/PoseStamped'
 _TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 _TF, _TF_STATIC = '/tf', '/tf_static'
-_ALL, _VALUES = '/**', 'ros__parameters'  # of a parameter file
+_VALUES = 'ros__parameters'  # of a section of a parameter file
+_OWN = '/**', '/**/sweep_driver'  # sections that count here, the last most
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
 _Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
 # Words in names of topics.
@@ -56,12 +57,19 @@ class BagViews(SweepDriverSettings):
 
     @model_validator(mode='before')
     @classmethod
-    def _without_section(cls, values: Any) -> Any:
-        """The values of a parameter file of all nodes, as `pmcl handeye` writes one."""
-        section = values.get(_ALL) if isinstance(values, dict) else None
-        if not isinstance(section, dict) or not isinstance(section.get(_VALUES), dict):
+    def _without_sections(cls, values: Any) -> Any:
+        """The values of a parameter file for sweep_driver, as `pmcl handeye` writes one."""
+        if not isinstance(values, dict):
             return values
-        return section[_VALUES] | {name: each for name, each in values.items() if name != _ALL}
+        rest: dict[str, Any] = dict(values)
+        own: dict[str, Any] = {}
+        for name in _OWN:
+            section = rest.get(name)
+            if isinstance(section, dict) and isinstance(section.get(_VALUES), dict):
+                own |= rest.pop(name)[_VALUES]
+        if own:
+            rest.pop('/**/grasp_node', None)
+        return own | rest
 
 
 def has_images_with_poses(bag: Path | str) -> bool:

@@ -30,7 +30,7 @@ from pmcl_ros.messages.types import (
     TransformStamped,
     Vector3,
 )
-from pmcl_ros.runtime.errors import BagError
+from pmcl_ros.runtime.errors import BagError, SettingsError
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -319,3 +319,16 @@ def test_the_mask_of_a_camera_is_that_of_its_views(tmp_path):
         np.testing.assert_array_equal(view.mask, mask > 0)
     with pytest.raises(BagError, match=r"parameter 'mask': there is no .*none\.png"):
         read_views(bag, BagViews(mask=str(tmp_path / 'none.png')))
+
+
+def test_a_parameter_file_is_read_as_sweep_driver_reads_it():
+    """That of `pmcl handeye`, or one for all nodes; a section of another node is refused."""
+    def section(**values):
+        return {'ros__parameters': values}
+
+    own = {'/**/sweep_driver': section(common=0.5), '/**/grasp_node': section(mount_rpy=[0.0] * 3)}
+    assert BagViews.make(own) == BagViews(common=0.5)
+    assert BagViews.make({'/**': section(common=0.25, gap=0.2)} | own | {'image_topic': '/i'}) == (
+        BagViews(common=0.5, gap=0.2, image_topic='/i'))
+    with pytest.raises(SettingsError, match=r'/\*\*/fixed_cameras: there is no such key'):
+        BagViews.make(own | {'/**/fixed_cameras': section(common=0.5)})

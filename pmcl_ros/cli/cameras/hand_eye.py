@@ -1,6 +1,7 @@
 """`pmcl handeye`: where cameras are on or beside an arm, or by a board that all of them see."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import TypeVar
 
@@ -94,7 +95,7 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float |
                      _SQUARE if square is None else square)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
-    section, comment = '/**/fixed_cameras', ''
+    of_arm, comment = {}, ''
     if no_robot:
         values = _at_board(source, board, shrink)
     elif fixed_camera and len(cameras := each_camera(source)) > 1:
@@ -105,6 +106,7 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float |
         six = _six(found.camera)
         values = {} if fixed_camera else {'mount_parent': parent}
         values |= {'mount_position': six[:3], 'mount_rpy': six[3:]}
+        of_arm = {'/**/grasp_node': deepcopy(values)}  # copied: ROS reads no aliases of YAML
         if not fixed_camera:
             errors = camera_errors(found)
             values |= errors
@@ -112,12 +114,12 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float |
                        f'{1e3 * errors["sigma_position"]:.2f} mm, '
                        f'{np.rad2deg(errors["sigma_rotation"]):.3f} degrees; '
                        f'{100 * errors["common"]:.0f} % of their variance is in common')
-        section, comment = '/**', ('# covariance: '
-                                   f'{[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n')
+        comment = f'# covariance: {[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n'
     if out is not None:
+        sections = {'/**/sweep_driver' if of_arm else '/**/fixed_cameras': values} | of_arm
         write_file(out, f'# pmcl handeye {source}\n' + yaml.safe_dump(
-            {section: {'ros__parameters': values}}, default_flow_style=None, sort_keys=False)
-            + comment)
+            {node: {'ros__parameters': each} for node, each in sections.items()},
+            default_flow_style=None, sort_keys=False) + comment)
 
 
 def camera_errors(found: HandEye) -> dict[str, float]:

@@ -329,6 +329,22 @@ def taken(tmp_path_factory):
     return folder, camera
 
 
+def read_by(name, namespace, *files):
+    """The parameters that ROS gives a node from parameter files."""
+    context = Context()
+    rclpy.init(args=['--ros-args', *(part for each in files
+                                     for part in ('--params-file', str(each)))], context=context)
+    try:
+        node = Node(name, namespace=namespace, context=context, start_parameter_services=False,
+                    automatically_declare_parameters_from_overrides=True)
+        values = {each: value.value for each, value in node.get_parameters_by_prefix('').items()
+                  if each.startswith(('mount_', 'sigma_', 'common'))}
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+    return dict(sorted(values.items()))
+
+
 def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path):
     folder, camera = taken
     out = tmp_path / 'made' / 'by' / 'mount.yaml'
@@ -337,15 +353,14 @@ def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path
     assert result.exit_code == 0, result.output
     assert result.output.count('corners 0.') == 12
     assert check_parameter_file(out) == []
-    context = Context()
-    rclpy.init(args=['--ros-args', '--params-file', str(out)], context=context)
-    try:
-        node = Node('grasp_node', context=context, start_parameter_services=False,
-                    automatically_declare_parameters_from_overrides=True)
-        values = {name: each.value for name, each in node.get_parameters_by_prefix('').items()}
-        node.destroy_node()
-    finally:
-        rclpy.shutdown(context=context)
+    own = tmp_path / 'mine.yaml'  # as a copy of config/pmcl.yaml has them
+    own.write_text(yaml.safe_dump({f'/**/{node}': {'ros__parameters': {'sigma_position': 1.0}}
+                                   for node in ('sweep_driver', 'fixed_cameras')}))
+    values = read_by('sweep_driver', 'left', own, out)
+    of_grasps = read_by('grasp_node', '', own, out)
+    assert of_grasps == {name: each for name, each in values.items() if 'mount_' in name}
+    assert list(of_grasps) == ['mount_parent', 'mount_position', 'mount_rpy']
+    assert read_by('fixed_cameras', '', own, out) == {'sigma_position': 1.0}  # of other cameras
     assert values['mount_parent'] == 'wrist'
     collected = BagViews.load(out)
     assert collected.mount_parent == 'wrist'
