@@ -18,7 +18,7 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
-from pmcl_ros.runtime.outputs import refuse_existing, writing
+from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 _RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
 _MEMORY = 100 << 20  # most bytes for unpacking; files of `xz -9` need 65 MiB
@@ -83,7 +83,7 @@ def write_picture(path: Path | str, raw: bytes, text: str, force: bool = False) 
         new = {each: data for each, data in files.items() if not _holds(each, data)}
         refuse_existing(new, force)
         for each, data in new.items():
-            _write(each, data)
+            write_file(each, data)
 
 
 def picture_files(path: Path) -> list[Path]:
@@ -174,20 +174,6 @@ def _read_xz(path: Path) -> bytes:
 def _holds(path: Path, data: bytes) -> bool:
     """Whether a file has these contents already."""
     return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Write atomically: a reader of the folder never sees an incomplete picture."""
-    part = path.with_name(f'{path.name}.part')
-    with writing(path):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(data)
-            part.replace(path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                part.unlink()
-            raise
 
 
 @contextlib.contextmanager

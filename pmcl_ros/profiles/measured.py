@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros.pmcl.appearance import Material
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings
 from pmcl_ros.profiles.revolution import Revolution
-from pmcl_ros.runtime.outputs import writing
+from pmcl_ros.runtime.outputs import replacing
 
 MeshKind = Literal['stl', 'obj', 'ply']
 _SECTIONS = 96  # of the mesh, about the axis
@@ -82,8 +82,8 @@ class MeasuredProfile:
     def write(self, path: Path, mesh: Path, comment: str, material: Material | None = None
               ) -> None:
         """Write an object YAML, and the mesh that it names. Raises as `Settings.save`."""
-        with writing(mesh):
-            self.mesh.export(mesh)
+        with replacing(mesh) as part, part.open('wb') as file:
+            self.mesh.export(file, file_type=mesh.suffix.removeprefix('.'))
         ObjectSettings.make({
             'mesh': mesh.name, 'scale': 1.0,
             'symmetries_continuous': [{'axis': (0.0, 0.0, 1.0)}],

@@ -2,8 +2,9 @@
 
 import json
 import os
+import shutil
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +37,41 @@ def writing(path: Path | str) -> Iterator[None]:
         raise OutputError(f'cannot write {path}: {error.strerror or error}') from None
 
 
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Where to write a file: beside it, to take its name once all is written. Its folder is made.
+
+    What fails, as the disk is full, leaves nothing new, and what was there as it was. A device, as
+    /dev/stdout, is written itself. Raises as `writing`.
+    """
+    whole = Path(os.path.realpath(path))  # a link stays one
+    part = whole.with_name(f'{whole.name}.{os.getpid()}.part')
+    with writing(path):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        if whole.exists() and not whole.is_file():
+            yield Path(path)
+            return
+        try:
+            yield part
+            if whole.exists():
+                shutil.copymode(whole, part)
+            part.replace(whole)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
+
+
 def write_file(path: Path | str, content: str | bytes) -> None:
     r"""Write a file of text, in UTF-8, or of bytes; its folder is made.
 
     What UTF-8 has not, as in the names of files of another encoding, is written as `\udcff`.
-    Raises OutputError, which names it, where that is impossible, as the disk is full.
+    Raises OutputError, which names it, where that is impossible, as the disk is full; what was
+    there then is as it was.
     """
-    with writing(path):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_bytes(content.encode(errors='backslashreplace')
-                               if isinstance(content, str) else content)
+    with replacing(path) as part:
+        part.write_bytes(content.encode(errors='backslashreplace')
+                         if isinstance(content, str) else content)
 
 
 class Results:
@@ -129,12 +155,10 @@ class Results:
         return own
 
     def _note(self, own: dict[str, Any]) -> None:
-        note, part = self.folder / _NOTE, self.folder / f'{_NOTE}.{os.getpid()}.part'
+        note = self.folder / _NOTE
         noted = {**(read_json(note) if note.exists() else {}), self._command: own}
         if any(noted.values()):
-            with writing(note):
-                part.write_text(json.dumps(noted, indent=1) + '\n')
-                part.replace(note)
+            write_file(note, json.dumps(noted, indent=1) + '\n')
         else:
             note.unlink(missing_ok=True)
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
@@ -27,8 +26,9 @@ from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError, RenderError
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.simulated_robot.trial import Grip, ManipulationTrial, Picture
-from pmcl_ros.simulated_robot.wrist_eyes import RENDERERS, wrist_eye
+from pmcl_ros.simulated_robot.wrist_eyes import RENDERERS, keep_picture, wrist_eye
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.manipulation.film import Film
@@ -228,8 +228,7 @@ class SimulatedRobot(Node):
             self._cell.wait(HOLD)
             done &= self._cell.held_clear
         if self._film is not None:
-            cv2.imwrite(str(self._out / 'film.png'),
-                        self._film.strip(self._frames)[..., ::-1])
+            keep_picture(self, self._out / 'film.png', self._film.strip(self._frames))
         times = self.trial.times | self._spent
         return self.trial.model_copy(update={'done': done, 'times': times})
 
@@ -247,25 +246,25 @@ def main() -> int:
     parser.add_argument('--out', type=Path, required=True, help='folder')
     from rclpy.utilities import remove_ros_args
     options = parser.parse_args(remove_ros_args(sys.argv)[1:])
-    options.out.mkdir(parents=True, exist_ok=True)
     robot = None
     try:
-        with ros(sys.argv):
-            from rclpy.executors import SingleThreadedExecutor
-            robot = SimulatedRobot(options)
-            executor = SingleThreadedExecutor()
-            executor.add_node(robot)
-            sys.stdout.write('ready\n')
-            sys.stdout.flush()
-            while True:
-                executor.spin_once(0.1)
-                pause(0)
+        try:
+            with ros(sys.argv):
+                from rclpy.executors import SingleThreadedExecutor
+                robot = SimulatedRobot(options)
+                executor = SingleThreadedExecutor()
+                executor.add_node(robot)
+                sys.stdout.write('ready\n')
+                sys.stdout.flush()
+                while True:
+                    executor.spin_once(0.1)
+                    pause(0)
+        finally:
+            if robot is not None:
+                write_file(options.out / 'robot.json', robot.judge().model_dump_json(indent=1))
     except PmclError as error:
         sys.stderr.write(f'simulated_robot: {error}\n')
         return 1
-    finally:
-        if robot is not None:
-            (options.out / 'robot.json').write_text(robot.judge().model_dump_json(indent=1))
     return 0
 
 

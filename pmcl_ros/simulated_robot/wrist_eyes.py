@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
@@ -13,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.camera_info import pinhole_to_message
@@ -20,6 +20,7 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import picture_from, picture_to_message
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
+from pmcl_ros.runtime.errors import OutputError
 from pmcl_ros.simulation.lytro.camera import F01_RAW, LytroCamera
 from pmcl_ros.simulation.lytro.centre_view import centre_view
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
@@ -43,6 +44,14 @@ class WristEye(Protocol):
         """
 
 
+def keep_picture(node: Node, file: Path, picture: NDArray[np.uint8]) -> None:
+    """Write a PNG of (height, width, 3) RGB, or log why not: the trial goes on without it."""
+    try:
+        write_png(file, picture)
+    except OutputError as error:
+        node.get_logger().error(str(error))
+
+
 class PinholeEye:
     """Publishes `image` and `camera_info`, as the driver of an ordinary camera.
 
@@ -51,14 +60,14 @@ class PinholeEye:
 
     def __init__(self, node: Node, pinhole: Pinhole,
                  take: Callable[[Scene], NDArray[np.uint8]]) -> None:
-        self._pinhole, self._take = pinhole, take
+        self._node, self._pinhole, self._take = node, pinhole, take
         self._info = node.create_publisher(CameraInfo, 'camera_info', SMALL)
         self._image = node.create_publisher(Image, 'image', SMALL)
 
     def shoot(self, scene: Scene, header: Header, file: Path) -> None:
         """As `WristEye`."""
         picture = self._take(scene)
-        cv2.imwrite(str(file), picture[..., ::-1])
+        keep_picture(self._node, file, picture)
         self._info.publish(pinhole_to_message(header, self._pinhole))
         self._image.publish(picture_to_message(header, picture))
 
@@ -67,7 +76,7 @@ class RawEye:
     """Publishes `metadata` and `image_raw`, as lytro_driver; keeps what `center/image` shows."""
 
     def __init__(self, node: Node, take: Callable[[Scene], RawFrame]) -> None:
-        self._take = take
+        self._node, self._take = node, take
         self._files: dict[int, Path] = {}
         self._metadata = node.create_publisher(String, 'metadata', LATCHED)
         self._image = node.create_publisher(Image, 'image_raw', BIG)
@@ -83,7 +92,7 @@ class RawEye:
     def _on_centre(self, message: Image) -> None:
         file = self._files.pop(header_from(message.header).stamp_ns, None)
         if file is not None:
-            cv2.imwrite(str(file), picture_from(message)[..., ::-1])
+            keep_picture(self._node, file, picture_from(message))
 
 
 def wrist_eye(node: Node, name: str, rng: np.random.Generator, samples: int, renderer: str

@@ -2,11 +2,17 @@
 
 import json
 import os
+import resource
+import signal
+import sys
+from multiprocessing import get_context
 
+import numpy as np
 import pytest
 
+from pmcl_ros.lightfield.readers.npz import save_npz
 from pmcl_ros.runtime.errors import FileError, OutputError
-from pmcl_ros.runtime.outputs import Results, write_file
+from pmcl_ros.runtime.outputs import Results, replacing, write_file
 
 NOTE = '.pmcl_results.json'
 
@@ -61,6 +67,71 @@ def test_a_file_holds_what_is_written_and_one_that_cannot_be_written_is_named(tm
         with pytest.raises(OutputError) as told:
             write_file(path, 'text')
         assert str(told.value) == f'cannot write {path}: {why}'
+
+
+def limited(written, room):
+    """Let a process write `room` bytes to a file, as on a disk that becomes full."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+    try:
+        written()
+    except OutputError as error:
+        sys.stderr.write(str(error))
+        os._exit(3)
+    os._exit(0)
+
+
+def by_npz(path):
+    save_npz(path, values=np.random.default_rng(0).random(10_000))
+
+
+@pytest.mark.parametrize('write', [lambda path: write_file(path, b'x' * 10_000), by_npz],
+                         ids=['file', 'npz'])
+@pytest.mark.parametrize('before', [None, b'mine'])
+def test_what_cannot_be_written_whole_leaves_all_as_it_was(tmp_path, write, before):
+    """Nor does a link become a file, nor a file that others may not read one that they may."""
+    path, real = tmp_path / 'link', tmp_path / 'real'
+    path.symlink_to(real)
+    if before is not None:
+        real.write_bytes(before)
+        real.chmod(0o600)
+    writing = get_context('fork').Process(target=limited, args=(lambda: write(path), 5000))
+    writing.start()
+    writing.join()
+    assert writing.exitcode == 3
+    there = {each.name: each.read_bytes() for each in tmp_path.iterdir() if each.exists()}
+    assert there == ({} if before is None else {'link': before, 'real': before})
+    write(path)
+    assert path.is_symlink()
+    assert {each.name for each in tmp_path.iterdir()} == {'link', 'real'}
+    assert len(real.read_bytes()) >= 10_000
+    if before is not None:
+        assert real.stat().st_mode & 0o777 == 0o600
+
+
+def test_what_is_interrupted_leaves_all_as_it_was(tmp_path):
+    path = tmp_path / 'a.txt'
+    path.write_text('mine')
+
+    def written():
+        with replacing(path) as part:
+            part.write_text('half')
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        written()
+    assert [each.name for each in tmp_path.iterdir()] == ['a.txt']
+    assert path.read_text() == 'mine'
+
+
+def test_a_device_is_written_itself(tmp_path):
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_file(pipe, 'text')
+    assert os.read(reader, 10) == b'text'
+    os.close(reader)
+    assert [each.name for each in tmp_path.iterdir()] == ['pipe']
 
 
 @pytest.mark.parametrize('there', ['folder', 'link'])

@@ -14,7 +14,7 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
 from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.npz_file import read_arrays
-from pmcl_ros.runtime.outputs import writing
+from pmcl_ros.runtime.outputs import replacing
 
 _MOST_BYTES = MOST_BYTES + 2 ** 20  # of all arrays: views, and few numbers
 _REAL = 'fiu'  # kinds of numbers
@@ -40,8 +40,8 @@ def save_npz(path: Path | str, **arrays: ArrayLike) -> None:
 
     Raises OutputError when that is impossible.
     """
-    with (writing(path),
-          zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as file):
+    with (replacing(path) as part,
+          zipfile.ZipFile(part, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as file):
         for name, values in arrays.items():
             with file.open(f'{name}.npy', 'w', force_zip64=True) as stream:
                 np.lib.format.write_array(stream, np.asarray(values), allow_pickle=False)
