@@ -23,7 +23,7 @@ from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.pipeline import volume_settings
 from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.closing import Closing
-from pmcl_ros.runtime.outputs import writing
+from pmcl_ros.runtime.outputs import replacing, writing
 
 COLUMNS = tuple(each.name for each in fields(Trial) if each.name != 'extra')  # of results.csv
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'moderngl', 'trimesh')
@@ -72,7 +72,7 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
     times: defaultdict[tuple[int, int], float] = defaultdict(float)
     for each in searched:
         times[image_of(each)] += each.seconds + each.dlv_seconds + each.decode_seconds
-    with writing(path), path.open('w', newline='') as stream:
+    with replacing(path) as part, part.open('w', newline='') as stream:
         writer = csv.DictWriter(stream, _BOP)
         writer.writeheader()
         for each in searched:

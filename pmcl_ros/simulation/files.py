@@ -23,7 +23,7 @@ from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record, remove_bag
 from pmcl_ros.pmcl.prior.region import Region
-from pmcl_ros.runtime.outputs import Results, write_file, writing
+from pmcl_ros.runtime.outputs import Results, replacing, write_file
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
 from pmcl_ros.simulation.card import with_card
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, seen_from
@@ -52,8 +52,8 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
                   replace(light_field, views=light_field.views.astype('f2')))
         write_png(out.path('centre.png'), light_field.picture())
         depth = out.path('depth.npz')
-        with writing(depth):
-            np.savez_compressed(depth, depth=capture.depth, labels=capture.labels)
+        with replacing(depth) as part, part.open('wb') as file:
+            np.savez_compressed(file, depth=capture.depth, labels=capture.labels)
         _write_targets(out, scene, seed, digest)
 
 
@@ -139,8 +139,8 @@ def _write_targets(out: Results, scene: Scene, seed: int, digest: str = '',
         place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
         model = out.path(f'{place}model.obj')
-        with writing(model):
-            mesh.export(model, digits=7)
+        with replacing(model) as part, part.open('w') as file:
+            mesh.export(file, 'obj', digits=7)
         if described := _described(target):
             write_file(out.path(f'{place}model.yaml'),
                        yaml.safe_dump({'mesh': 'model.obj'} | described))
@@ -190,8 +190,8 @@ def write_sequence(folder: Path, sequence: MovingScene,
         remove_bag(folder / 'bag')
     record(folder / 'bag', _messages(sequence, report))
     mesh = trimesh.Trimesh(sequence.model.vertices, sequence.model.faces, process=False)
-    with writing(folder / 'model.obj'):
-        mesh.export(folder / 'model.obj', digits=7)
+    with replacing(folder / 'model.obj') as part, part.open('w') as file:
+        mesh.export(file, 'obj', digits=7)
     axis = sequence.model.axis
     truth = {
         'seed': sequence.seed, 'kind': sequence.kind,
