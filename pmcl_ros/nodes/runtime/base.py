@@ -255,6 +255,7 @@ class StageNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = self._described.read()
+        self.configured.enter_context(self._described.used(settings))
         self.get_logger().info(f'configured with {settings!r}')
         self.health = Health(message='configuring')
         with self._diagnostics_publisher(), kernels.reporting(self._report_compiling):

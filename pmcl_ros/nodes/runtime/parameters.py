@@ -41,6 +41,7 @@ class Parameters:
     def __init__(self, node: Node, kind: type[Settings]) -> None:
         self._node, self._kind = node, kind
         self._refused: dict[str, str] = {}
+        self._used: Settings | None = None
         self._to_all = given_to_all(sys.argv)  # now: the files may go
         for name, field in kind.model_fields.items():
             self._declare(name, field)
@@ -70,6 +71,15 @@ class Parameters:
             if field.is_required() or value != default_of(field):
                 values[name] = value
         return self._kind.make(values, f'parameters of {self._node.get_name()}')
+
+    @contextmanager
+    def used(self, settings: Settings) -> Iterator[None]:
+        """While it lasts, say of a parameter that is set that the node goes on with `settings`."""
+        self._used = settings
+        try:
+            yield
+        finally:
+            self._used = None
 
     def _declare(self, name: str, field: FieldInfo) -> None:
         kind = ros_type(field)
@@ -117,6 +127,19 @@ class Parameters:
     def _accepted(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
             self._refused.pop(parameter.name, None)
+        waiting = [f'{each.name} {each.value}' for each in parameters if self._waits(each)]
+        if waiting:
+            self._node.get_logger().warning(
+                f'{" and ".join(waiting)}: read at the next configure (deactivate, cleanup, '
+                'configure, activate); until then the node goes on with what it has')
+
+    def _waits(self, parameter: Parameter) -> bool:
+        """Whether a value is another than the one in use, and the node does not take it over."""
+        if self._used is None or parameter.name not in self._kind.model_fields:
+            return False
+        given, used = parameter.value, getattr(self._used, parameter.name)
+        return not is_live(self._kind.model_fields[parameter.name]) and (
+            tuple(given) if isinstance(used, tuple) else given) != used
 
 
 def unknown_parameters(node: Node) -> list[str]:

@@ -29,6 +29,12 @@ class Example(Settings):
     limit: float | None = None
 
 
+class Changeable(Example):
+    """One that a running node takes over, too."""
+
+    live: str = Field('', json_schema_extra={'live': True})
+
+
 @pytest.fixture
 def make():
     """A function overrides -> (node, parameters)."""
@@ -84,6 +90,25 @@ def test_a_refused_value_can_be_mended(make):
     node, parameters = make(path='x', length=1)
     node.set_parameters([Parameter('length', value=1.0)])
     assert parameters.read().length == 1.0
+
+
+def test_what_is_set_and_not_taken_over_is_told(make, capfd):
+    """While the node goes on with other values; what it takes over or has is none of it."""
+    node, parameters = make(Changeable, path='x')
+
+    def told(**values):
+        results = node.set_parameters([Parameter(name, value=value)
+                                       for name, value in values.items()])
+        assert all(each.successful for each in results)
+        return [line.partition('[example]: ')[2] for line in capfd.readouterr().err.splitlines()]
+
+    after = (': read at the next configure (deactivate, cleanup, configure, activate); until '
+             'then the node goes on with what it has')
+    with parameters.used(parameters.read()):
+        assert told(count=5, point=[1.0, 0.0, 1.0]) == [
+            f'{each}{after}' for each in ('count 5', 'point [1.0, 0.0, 1.0]')]
+        assert told(count=3, point=[0.0, 0.0, 1.0], live='now') == []
+    assert told(count=6) == []
 
 
 @pytest.mark.parametrize(('name', 'hint'), [
