@@ -9,7 +9,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.sheet_pose import sheet_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
-_LEAST_NOISE = 0.03  # px, on each axis: what is less off is not suspected
+_UNSUSPECTED = 0.03  # px, on each axis: what is less off is not suspected
 _UNLIKELY = 0.01  # chance of right corners, one of which is so far off
 
 
@@ -48,5 +48,5 @@ def _chances(off: NDArray[np.float64], slopes: NDArray[np.float64]) -> NDArray[n
     free = np.linalg.pinv(np.eye(2) - hat, rcond=1e-6, hermitian=True)
     fewer = np.einsum('ni,nij,nj->n', off, free, off)  # squares, without the corner
     freedom = 2 * count - 8
-    variance = np.maximum((np.square(off).sum() - fewer) / freedom, _LEAST_NOISE ** 2)
+    variance = np.maximum((np.square(off).sum() - fewer) / freedom, _UNSUSPECTED ** 2)
     return np.asarray(fdtrc(2, freedom, fewer / 2 / variance))

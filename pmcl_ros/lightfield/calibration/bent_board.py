@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.sheet_pose import sheet_pose
+from pmcl_ros.geometry.sheet_pose import LEAST_NOISE, sheet_pose
 
 _DEGREE = 4  # of the polynomial: paper that is curled at one edge, or at a corner
 _BEND, _BEND_FREEDOM = 1e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
 _LARGE_BEND = 1e-3  # m
 _FREEDOM = 3.0  # of the corners' errors, Student's t: some are much larger, as behind glass
-_LEAST_NOISE = 0.03  # px, on each axis: no detector is better
 _STEPS, _HALVINGS = 60, 8
 _DONE = 1e-6  # of the logarithm of the likelihood, for each corner
 USUAL_ASIDE = 0.005  # error of a principal point, in focal lengths
@@ -197,7 +196,7 @@ class _Bundle:
         """The same with the variance that these weights give."""
         squares = self._squares(values)
         mean = (_weights(squares / values.variance) * squares).sum() / self._free(values)
-        return values._replace(variance=max(float(mean), _LEAST_NOISE ** 2))
+        return values._replace(variance=max(float(mean), LEAST_NOISE ** 2))
 
     def _free(self, values: _Values) -> int:
         """Numbers of the corners more than those that are adjusted, at least 1."""
@@ -210,7 +209,8 @@ class _Bundle:
         """
         squares = self._squares(values) / values.variance
         weights = _weights(squares)
-        pull = (np.square(weights) * squares).sum() / self._free(values)
+        pull = max((np.square(weights) * squares).sum() / self._free(values),
+                   (weights.mean() * LEAST_NOISE) ** 2 / values.variance)
         slope = (weights * _FREEDOM / (_FREEDOM + squares)).mean()
         return float(pull / slope ** 2 * weights.mean())
 

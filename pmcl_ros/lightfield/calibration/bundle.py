@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.sheet_pose import tilts
 from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model, predict
 from pmcl_ros.lightfield.calibration.corners import Corners
 from pmcl_ros.runtime.errors import LightFieldError
@@ -250,8 +251,9 @@ def initial_guess(observations: Observations, width: int,
         _, matrix, _, turns, origins = cv2.calibrateCamera(
             [points for points, _ in seen], [pixels for _, pixels in seen], (width, height),
             np.eye(3), np.zeros(5), flags=fixed)
-        tilts = [cv2.solvePnPGeneric(points, pixels, matrix, np.zeros(5),
-                                     flags=cv2.SOLVEPNP_IPPE)[1:3] for points, pixels in seen]
+        either = [[np.concatenate(each) for each
+                   in tilts(points, pixels, np.asarray(matrix, float), np.zeros(5))]
+                  for points, pixels in seen]
     except cv2.error as error:
         raise LightFieldError(
             f'the corners of the boards are those of no plane ({error.err}); are --corners and '
@@ -261,9 +263,8 @@ def initial_guess(observations: Observations, width: int,
     poses = np.array([np.concatenate([turn.ravel(), origin.ravel()])
                       for turn, origin in zip(turns, origins, strict=True)])
     camera = _with_baseline(observations, camera, poses)
-    for board, candidates in enumerate(tilts):
-        found = np.array([np.concatenate([turn.ravel(), origin.ravel()])
-                          for turn, origin in zip(*candidates, strict=True)])
+    for board, candidates in enumerate(either):
+        found = np.array([*candidates, poses[board]])
         off = predict(observations.points, camera, found) - observations.values[board]
         off = off[:, observations.valid[board], 2:]
         # The slope over the board depends on the tilt, the middle on the distance.

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, retract
-from pmcl_ros.geometry.sheet_pose import sheet_poses
+from pmcl_ros.geometry.sheet_pose import LEAST_NOISE, sheet_poses
 from pmcl_ros.runtime.errors import LightFieldError
 
 _STEP = 1e-6  # m, rad: of derivatives
 _MOST_PIXELS = 2.0  # rms of the corners: more is a board that moved, or another lens
-_LEAST_NOISE = 0.01  # px, on each axis: no detector is better
 _USUAL_NOISE = 0.05  # px, on each axis
 
 
@@ -54,11 +53,15 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
     pictures: by name, (m, 2) corners without distortion [px], NaN: not seen. board: (m, 3) its
     corners [m]; z is small. heights: (m, k) a root of the covariance of these z [m], which are
     exact without it. The noise of the corners is estimated from what is left of them.
-    Raises LightFieldError where no pose fits the corners, where they are on one line, and where
-    another pose, with the board tilted the other way, fits nearly as well.
+    Raises LightFieldError where a picture shows none, where no pose fits the corners, where they
+    are on one line, and where another pose, with the board tilted the other way, fits nearly as
+    well.
     """
     seen = np.array([*pictures.values()])
     shown = np.isfinite(seen).all(axis=2)
+    if not shown.any(axis=1).all():
+        raise LightFieldError(f'{[*pictures][int(shown.any(axis=1).argmin())]} shows no corner of '
+                              'the board')
     corners, points = seen[shown], np.tile(board, (len(seen), 1, 1))[shown]
     poses, squares = sheet_poses(points, corners, pinhole)
     if not poses:
@@ -86,7 +89,7 @@ def camera_at_board(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[
     # Errors in units of an estimated noise are Student's: from few corners, larger than Gaussian.
     # A few may fit by chance: two more residuals, as a good detector leaves them, count with them.
     freedom = max(corners.size - 6, 3)
-    variance = max((squares[0] + 2 * _USUAL_NOISE ** 2) / (freedom - 2), _LEAST_NOISE ** 2)
+    variance = max((squares[0] + 2 * _USUAL_NOISE ** 2) / (freedom - 2), LEAST_NOISE ** 2)
     ahead, behind = (retract(camera, way * _STEP * np.eye(6)) for way in (1, -1))
     slopes = np.stack([(residuals(one) - residuals(other)).ravel() / (2 * _STEP)
                        for one, other in zip(ahead, behind, strict=True)], axis=1)

@@ -225,3 +225,32 @@ def test_in_pictures():
         str(number): BOARD.seen(picture_of_sheet(BOARD, pose, small, up))
         for number, pose in enumerate(views(rng, 2, 0.5))}, small)
     assert found.points[:, 2] == pytest.approx(sheet(up)[:, 2], abs=0.1e-3)
+
+
+@pytest.mark.parametrize('count', [1, 3])
+@pytest.mark.parametrize('board', [BOARD, CharucoRing(8, 11, 0.024), CharucoRing(9, 9, 0.02)],
+                         ids=['board', 'ring', 'square'])
+def test_exact_corners_of_boards_that_are_straight_before_the_camera_tell_a_flat_sheet(board,
+                                                                                      count):
+    """As of a simulation without noise, whose camera looks down at the middle of the board."""
+    rng = np.random.default_rng(count)
+    for _ in range(10):
+        poses = {}
+        for number in range(count):
+            turn = Rotation.from_euler('xz', [0 if board.up < 0 else 180,
+                                              90 * rng.integers(4)], degrees=True).as_matrix()
+            if number:
+                turn = Rotation.from_euler('y', 30 * number, degrees=True).as_matrix() @ turn
+            poses[f'{number}.png'] = pose_of(
+                turn, [0, 0, rng.choice([0.4, 0.5, 0.6])] - turn @ board.points.mean(axis=0))
+        found = as_it_lies(board, {
+            name: PINHOLE.project(board.points @ pose[:3, :3].T + pose[:3, 3])
+            for name, pose in poses.items()}, PINHOLE)
+        np.testing.assert_allclose(found.points, board.points, atol=1e-6)
+        assert 0 < np.linalg.norm(found.heights, axis=1).max() < 2e-4
+        assert [*found.pictures] == [*poses]
+        for name, pose in poses.items():
+            at = camera_at_board({name: found.pictures[name]}, found.points, PINHOLE,
+                                 found.heights)
+            np.testing.assert_allclose(at.camera, inverse(pose), atol=1e-5)
+            assert np.linalg.eigvalsh(at.covariance).min() > 0

@@ -121,6 +121,13 @@ def test_corners_on_a_line_and_one_beside_it_tell_no_pose(beside):
         camera_at_board(seen, BOARD.points, PINHOLES['left'])
 
 
+def test_a_picture_without_a_corner_is_named():
+    seen = corners(SEEN['left'], PINHOLES['left'], np.random.default_rng(8), 3)
+    seen['1.png'][:] = np.nan
+    with pytest.raises(LightFieldError, match=r'^1\.png shows no corner of the board$'):
+        camera_at_board(seen, BOARD.points, PINHOLES['left'])
+
+
 def test_a_board_that_moved_is_refused():
     rng, pinhole = np.random.default_rng(7), PINHOLES['left']
     seen = corners(SEEN['left'], pinhole, rng, 9)
