@@ -22,6 +22,7 @@ _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
 _MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
 _BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: typical of an F01, used where corners give no estimate
+_OPEN = 1e-6  # least eigenvalue of correlations: less is rounding; that of good boards is 0.005
 _DISTINCT = 3  # least number of different boards in a resample
 
 
@@ -318,9 +319,11 @@ def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Un
     linear = linearize(fit.observations, fit.model, fit.camera, fit.poses, fit.noise)
     information, gradient = linear.information(), linear.gradient()
     boards, corners = gradient.shape[:2]
-    covariance = fit.noise * np.linalg.inv(information.sum(axis=(0, 1)))
-    if not (np.diag(covariance) > 0).all():  # singular, but for rounding
+    total = information.sum(axis=(0, 1))
+    unit = 1 / np.sqrt(np.diag(total))
+    if not np.linalg.eigvalsh(total * np.outer(unit, unit))[0] > _OPEN:
         raise np.linalg.LinAlgError
+    covariance = fit.noise * np.linalg.inv(total)
 
     def spread(counts: NDArray[np.integer]) -> NDArray[np.float64]:
         """(free,) of the steps of resamples; counts (resamples, n, m) of every corner."""
