@@ -14,6 +14,7 @@ from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.camera_plan import in_room
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.described.ring_sheet import RingSheet
@@ -99,11 +100,40 @@ def test_it_tells_the_poses_of_the_cameras_of_path_traced_pictures(tmp_path: Pat
         assert abs(origin[2]) < 2e-4
 
 
+@pytest.mark.parametrize(('name', 'attitude', 'square', 'told'), [
+    ('tumbler', 'upright', 0.024, None),
+    ('tumbler', 'lying', 0.024, r'tumbler is 1[12]\d mm across where it lies'),
+    ('tumbler', 'lying', 0.032, None), ('bottle', 'upright', 0.024, None),
+    ('bottle', 'any', 0.024, r'96 x 168 mm, .* is 27\d mm .*: choose --attitude upright \(8\d mm'),
+    ('bottle', 'upright', 0.02, r'80 x 140 mm, .* is 8\d mm across: choose a ring')])
+def test_an_object_that_reaches_over_the_ring_is_refused(
+        name: str, attitude: str, square: float, told: str | None) -> None:
+    """What passes is where it is looked for, and off the markers, however it is drawn."""
+    ring, item = RingSheet.from_ring(CharucoRing(8, 11, square)), load_object(
+        OBJECT.with_stem(name))
+    if told is not None:
+        with pytest.raises(SimulationError, match=told):
+            ring.check_holds(item, attitude)
+        return
+    ring.check_holds(item, attitude)
+    camera, settings = OrdinaryCamera.make(CAMERA), DescribedSettings.make(
+        {'attitude': attitude, 'empty': 0})
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        scene = described_scene(rng, item, 'table', camera.sensor(rng), settings, ring)
+        pose = in_room(scene, np.eye(4)[None])[0] @ scene.targets[0].pose
+        region = np.array(ring.region)
+        assert (abs(pose[:3, 3] - region[:3]) < region[3:] / 2).all()
+        vertices = item.vertices @ pose[:3, :3].T + pose[:3, 3]
+        assert (abs(vertices[:, :2]) < region[3:5] / 2).all()
+
+
 @pytest.mark.parametrize(('options', 'line'), [
     (('--ring', '8x11', '--cameras', 'arc:3:50'), '--ring and --square go together'),
     (RING, '--ring 8x11 --square 0.024: it tells the poses of several pictures; add --cameras'),
     ((*RING, '--cameras', 'arc:3:50', '--surroundings', 'tank'), 'tank: a ring lies on a table'),
     ((*RING, '--cameras', 'arc:3:50', '--region', '0.4:0.5:0.2'), 'leave the side out'),
+    ((*RING, '--cameras', 'arc:3:50', '--attitude', 'lying'), 'choose --attitude upright'),
     (('--ring', '8', '--square', '0.024', '--cameras', 'arc:3:50'), "ring '8' is not like 8x11")])
 def test_what_does_not_go_with_it_is_refused(tmp_path: Path, options: tuple[str, ...], line: str
                                              ) -> None:

@@ -172,6 +172,8 @@ class Simulated:
         if ring is not None:
             _check_ring(ring, plan, surroundings, side)
         draw = Draw(load_object(object_file), surroundings, settings, ring)
+        if ring is not None:
+            ring.check_holds(draw.item, attitude)
         _check_size(draw, region)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
                                 draws, samples or usual, along)

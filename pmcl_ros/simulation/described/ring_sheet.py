@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.runtime.errors import SimulationError
+from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet
 from pmcl_ros.simulation.scenes.textures import SIZE
@@ -55,6 +57,24 @@ class RingSheet:
         """Radius of a circle about it [m]."""
         return float(np.hypot(*self.size)) / 2
 
+    def check_holds(self, item: SceneObject, attitude: str) -> None:
+        """Raise SimulationError where an object at rest may reach out of its middle.
+
+        attitude: `upright`, or another word. The origin of what lies may be out of `region` then.
+        """
+        middle = min(self.region[3:5])
+        upright = _across(item.vertices - np.outer(item.vertices @ item.up, item.up))
+        lies = 'upright' not in (attitude, item.way)
+        across = _across(item.vertices) if lies else upright
+        if across <= middle:
+            return
+        choose = f'--attitude upright ({1e3 * upright:.0f} mm), or ' * (lies and upright <= middle)
+        raise SimulationError(
+            f'{self.options}: its middle is {1e3 * self.region[3]:.0f} x '
+            f'{1e3 * self.region[4]:.0f} mm, {item.name} is {1e3 * across:.0f} mm across'
+            f'{" where it lies" * lies}: choose {choose}a ring with a larger middle, which is '
+            'four squares less than the ring each way')
+
     def around(self, rng: np.random.Generator, radius: float) -> Pose:
         """Draw where it lies (4, 4), ring to world: what stands above the world's origin, with a
         footprint of a radius [m], stands anywhere in its middle.
@@ -79,6 +99,12 @@ class RingSheet:
                         for each in scene.targets)
         return replace(scene, sheets=(*scene.sheets, sheet), targets=targets,
                        origin=pose[:3, 3])
+
+
+def _across(vertices: NDArray[np.float64]) -> float:
+    """Diameter of a sphere about vertices (n, 3) [m]."""
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return 2 * float(np.linalg.norm(vertices - middle, axis=1).max())
 
 
 def _covered(start: float, end: float, texel: float) -> NDArray[np.float64]:
