@@ -18,6 +18,7 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 Board = Checkerboard | CharucoRing
 _MOST_SEARCHED = 2 ** 21  # px: in larger pictures the detector takes seconds
 _TOUCHED = 1e-6  # mm above the plane: what the solver leaves
+_ASIDE = 0.1 * np.array([[0.9, 0.4], [-0.4, 0.9], [-0.9, -0.4], [0.4, -0.9]])  # of half a sheet
 _CLEAR = 3.0  # standard deviations of what pictures tell, with that of a calibration
 
 
@@ -76,15 +77,20 @@ def _shown(found: BentBoard) -> float:
 
 def _plane_below(places: NDArray[np.float64], heights: NDArray[np.float64]
                  ) -> NDArray[np.float64]:
-    """(m, m) what gives, of heights (m,), those of the plane that is nearest below them.
+    """(m, m) what gives, of heights (m,), those of the plane on which a sheet of them rests.
 
-    places: (m, 2), and heights there (m,) [m].
+    places: (m, 2), and heights there (m,) [m]. It touches the sheet from below, and is the nearest
+    on average, as by the weight. A gutter or a saddle rocks from one such plane to the other, by
+    noise too: the weight is taken to be a little aside, each way, and the planes are averaged.
     """
     terms = np.concatenate([places, np.ones((len(places), 1))], axis=1)
-    found = linprog(-terms.sum(axis=0), A_ub=terms, b_ub=1e3 * heights, bounds=(None, None))  # mm
-    touched = np.flatnonzero(found.slack < _TOUCHED)
+    middle, reach = terms.mean(axis=0), np.ptp(places, axis=0) / 2
     plane = np.zeros((len(terms), len(terms)))
-    plane[:, touched] = terms @ np.linalg.pinv(terms[touched])
+    for x, y in reach * _ASIDE:
+        found = linprog(-middle - [x, y, 0], A_ub=terms, b_ub=1e3 * heights,  # mm
+                        bounds=(None, None))
+        touched = np.flatnonzero(found.slack < _TOUCHED)
+        plane[:, touched] += terms @ np.linalg.pinv(terms[touched]) / len(_ASIDE)
     return plane
 
 

@@ -176,6 +176,19 @@ def test_z_is_that_of_the_table(height):
     assert found.points[:, 2] == pytest.approx(-height(BOARD.points[:, :2]), abs=0.4e-3)
 
 
+@pytest.mark.parametrize('shape', ['gutter', 'slanted gutter', 'saddle'])
+def test_a_sheet_that_may_rock_lies_level(shape):
+    """Which way it would tilt, the noise alone would tell."""
+    x, y = ((BOARD.points[:, :2] - MIDDLE[:2]) / [0.1125, 0.075]).T
+    z = -TOP * {'gutter': x ** 2, 'slanted gutter': (0.8 * x + 0.6 * y) ** 2,
+                'saddle': x * y + 1}[shape]
+    for seed in range(5):
+        rng = np.random.default_rng(700 + seed)
+        points = np.concatenate([BOARD.points[:, :2], z[:, None]], axis=1)
+        found = as_it_lies(BOARD, seen(rng, views(rng, 4), points), PINHOLE)
+        assert found.points[:, 2] == pytest.approx(z, abs=0.5e-3)
+
+
 @pytest.mark.parametrize('height', BENDS)
 def test_a_picture_of_another_zoom_is_left_out_beside_a_sheet_that_is_bent(height):
     zoomed = replace(PINHOLE, fx=1.1 * PINHOLE.fx, fy=1.1 * PINHOLE.fy)
@@ -224,7 +237,7 @@ def test_in_pictures():
     found = as_it_lies(BOARD, {
         str(number): BOARD.seen(picture_of_sheet(BOARD, pose, small, up))
         for number, pose in enumerate(views(rng, 2, 0.5))}, small)
-    assert found.points[:, 2] == pytest.approx(sheet(up)[:, 2], abs=0.1e-3)
+    assert found.points[:, 2] == pytest.approx(sheet(up)[:, 2], abs=0.15e-3)
 
 
 @pytest.mark.parametrize('count', [1, 3])
