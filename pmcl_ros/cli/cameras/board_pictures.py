@@ -81,7 +81,11 @@ def boards_in(of: posed_views.ViewsFile, path: Path, board: Board, reduction: Re
 
 def corners_in(picture: NDArray[np.uint8], file: str, board: Board) -> NDArray[np.float64] | None:
     """Corners (m, 2) [px] in a grey picture, as of `seen`; one without the board is named."""
-    seen = board.seen(picture)
+    try:
+        seen = board.seen(picture)
+    except LightFieldError as error:
+        click.echo(f'{file}: {error}', err=True)
+        return None
     if seen is None:
         _name(file, board)
     return seen

@@ -22,6 +22,7 @@ _EFFORTS = (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 _COARSE = np.arange(-2.0, 1.51, 0.5)
 _FINE = np.arange(-2.0, 1.51, 0.05)
 _FREE = 0.45  # of a square, to each side of a corner: short of the next corners' edges
+_ALTERNATE = 0.5  # least share of contrast on a board, and most of the board's beside it
 _AGREEING = 0.9  # least share of corners with correctly alternating squares
 
 
@@ -88,16 +89,44 @@ class Checkerboard:
     def seen(self, picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(rows * columns, 2) px of the corners in a grey picture, as `points`; None: no board.
 
+        A part of a larger one is none.
         Raises SettingsError for a board whose turn by 180 degrees cannot be told.
         """
         self.check_turn()
         found = self._detected(picture)
-        if found is None:
+        if found is None or not self._is_whole(picture, found):
             return None
         first, last = (self._brightness(picture, each)
                        for each in (found[:2, :2], found[-2:, -2:]))
         oriented = found if first > last else found[::-1, ::-1]
         return refined(picture, oriented.reshape(-1, 2), self.points[:, :2] / self.square, _FREE)
+
+    def _is_whole(self, picture: NDArray[np.uint8], found: NDArray[np.float64]) -> bool:
+        """Whether squares alternate on the board, and not beside it.
+
+        Else it is a part of a larger one, or each second corner of it: which, differs from picture
+        to picture. found: as of `_detected`.
+        """
+        onto, _ = cv2.findHomography(self.points[:, :2] / self.square, found.reshape(-1, 2))
+        if onto is None:
+            return False
+        places = np.stack(np.meshgrid(np.arange(self.columns + 3) - 1.5,
+                                      np.arange(self.rows + 3) - 1.5), axis=-1)
+        x, y = np.moveaxis(cv2.perspectiveTransform(places, onto).astype(np.float32), -1, 0)
+        light = cv2.remap(picture, x, y, cv2.INTER_LINEAR,
+                          borderMode=cv2.BORDER_REPLICATE).astype(float)
+        row, column = np.indices(light.shape)
+        sign = (-1.0) ** (row + column)
+
+        def alternating(*part: int | slice) -> float:
+            """How much light and dark differ there, in turn."""
+            return abs(float(((light[part] - light[part].mean()) * sign[part]).mean()))
+
+        inside = slice(1, -1), slice(1, -1)
+        contrast = alternating(*inside)
+        beside = max(alternating(each, inside[1]) for each in (0, -1)), max(
+            alternating(inside[0], each) for each in (0, -1))
+        return contrast > _ALTERNATE * light[inside].std() and max(beside) < _ALTERNATE * contrast
 
     @staticmethod
     def _brightness(picture: NDArray[np.uint8], square: NDArray[np.float64]) -> float:

@@ -12,7 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.agreeing_corners import agreeing
 from pmcl_ros.lightfield.calibration.board_size import check_square, counts_from
 from pmcl_ros.lightfield.calibration.subpixel import refined
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _WIDE = 2  # squares: the least with chess corners in the middle of the ring
 _MARKER = 0.6  # side of a marker, in squares: the light around it lets corners be measured
@@ -30,6 +30,7 @@ _BLURS, _SHARPER = (0.7, 2.0), 4.0  # px; times the difference of these blurs is
 _BESIDE = 0.1  # squares from a corner, along both sides: before the markers
 _COVERED = 0.25  # of the usual contrast
 _NOISE = 0.5  # px: corners that are less off are not suspected
+_TWICE = 0.25  # of the markers: some are read at a second place, as in a reflection or clutter
 _OUTLIER = 4.0  # times the median distance from where the plane is expected
 
 
@@ -116,7 +117,8 @@ class CharucoRing:
     def seen(self, picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(n, 2) px of the corners in a grey picture, as `points`; NaN: not seen.
 
-        None where fewer than eight are seen, or those of one side alone.
+        None where fewer than eight are seen, or those of one side alone. Raises LightFieldError
+        for two such rings.
         """
         best = self._detected(picture, 1)
         for of, scale in ((picture, 2), (_sharpened(picture), 1)):
@@ -212,7 +214,12 @@ class CharucoRing:
         for name, value in _READING.items():
             setattr(reading, name, value)
         detector.setDetectorParameters(reading)
-        positions, numbers, _, _ = detector.detectBoard(enlarged)
+        positions, numbers, _, markers = detector.detectBoard(enlarged)
+        if markers is not None and len(markers):
+            times = np.unique(markers, return_counts=True)[1]
+            if (times > 1).sum() > _TWICE * len(self._corners):  # about as many as markers
+                raise LightFieldError(f'there are two rings of {self.options} in view: cover one, '
+                                      'or print another size, which has other markers')
         every = np.full(((self.rows - 1) * (self.columns - 1), 2), np.nan)
         if numbers is not None and len(numbers):
             middles = np.reshape(positions, (-1, 2)) - _FROM_CORNERS  # 0: the middle of a pixel

@@ -26,7 +26,7 @@ def refined(picture: NDArray[np.uint8], corners: NDArray[np.float64], plane: NDA
                      for step in ((0, 0), (1, 0), (0, 1)))
     side = min(np.linalg.norm(each - here, axis=1).min() for each in beside)
     reach = max(1, int(free * side))
-    crossing = np.asarray(cv2.cornerSubPix(picture, corners[:, None].astype(np.float32),
+    crossing = np.asarray(cv2.cornerSubPix(picture, corners.astype(np.float32).reshape(-1, 1, 2),
                                            (reach, reach), (-1, -1), _UNTIL), float)[:, 0]
     is_better = _out_of_line(crossing, plane) - _out_of_line(corners, plane) < _DRAWN ** 2
     return crossing if is_better else corners

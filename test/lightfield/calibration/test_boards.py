@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from board_scene import POSES, frame_of
 from board_scene import plain as scene
-from painted_boards import picture_of_board
+from painted_boards import painted, picture_of_board
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -15,6 +15,7 @@ from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.calibration.corners import CornerMeter, Corners
+from pmcl_ros.lightfield.calibration.subpixel import refined
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
@@ -119,6 +120,43 @@ def test_a_board_turned_in_the_picture_keeps_its_own_first_corner():
     found = board.oriented(meter.measure(frame, *board.find(decoder().decode(frame))))
     truth, _ = scene().corners(pose)
     assert np.abs(found.positions - truth).max() < 0.1
+
+
+@pytest.mark.parametrize('part', [(9, 6), (10, 5), (6, 7), (5, 4)])
+def test_a_part_of_a_board_is_none(part):
+    """Which part, or each second corner, differed from picture to picture."""
+    board, rng = Checkerboard(10, 7, 0.02), np.random.default_rng(3)
+    pinhole = Pinhole(640, 480, 600, 600, 322, 238)
+    for _ in range(4):
+        turn = Rotation.from_euler('xyz', [*rng.uniform(-35, 35, 2), rng.uniform(-30, 30)],
+                                   degrees=True).as_matrix()
+        picture = picture_of_board(board, pose_of(
+            turn, [0, 0, 0.5] - turn @ board.points.mean(axis=0)), pinhole)
+        assert board.seen(picture) is not None
+        assert Checkerboard(*part, 0.02).seen(picture) is None
+
+
+def test_a_board_half_in_shadow_before_a_striped_cloth_is_seen():
+    board, pinhole = Checkerboard(10, 7, 0.02), Pinhole(640, 480, 600, 600, 322, 238)
+    turn = Rotation.from_euler('xyz', [25, -15, 8], degrees=True).as_matrix()
+    pose = pose_of(turn, [0, 0, 0.5] - turn @ board.points.mean(axis=0))
+    stripes = np.where(np.arange(640) // 24 % 2, 40, 220)
+    picture = painted(np.tile(stripes.astype(np.uint8), (480, 1)), board, pose, pinhole)
+    picture[:, 330:] //= 3
+    off = board.seen(picture) - pinhole.project(board.points @ turn.T + pose[:3, 3])
+    assert np.abs(off).max() < 0.5
+
+
+def test_corners_in_reverse_are_refined_alike():
+    board, pinhole = Checkerboard(10, 7, 0.02), Pinhole(640, 480, 600, 600, 322, 238)
+    pose = pose_of(np.eye(3), [0, 0, 0.5] - board.points.mean(axis=0))
+    exact = pinhole.project(board.points + pose[:3, 3])
+    picture, plane = picture_of_board(board, pose, pinhole), board.points[:, :2] / board.square
+    near = exact + np.random.default_rng(0).normal(0, 0.05, exact.shape)
+    found = refined(picture, near, plane, 0.45)
+    backwards = refined(picture, near[::-1].copy()[::-1], plane, 0.45)  # a view of another order
+    np.testing.assert_array_equal(found, backwards)
+    assert np.abs(found - exact).max() < 0.1
 
 
 @pytest.mark.parametrize('side', [320, 1280])

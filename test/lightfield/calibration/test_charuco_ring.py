@@ -6,14 +6,14 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
-from painted_boards import on_page, page, picture_of_board
+from painted_boards import on_page, page, painted, picture_of_board
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 has_detector = hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector')
 needs_detector = pytest.mark.skipif(not has_detector, reason='OpenCV before 4.7')
@@ -122,6 +122,24 @@ def test_a_marker_that_is_seen_at_a_second_place_hides_none():
     shown = np.isfinite(ring.seen(picture)[:, 0])
     assert shown.sum() >= np.isfinite(whole[:, 0]).sum() - 2
     assert np.abs(ring.seen(picture) - exact)[shown].max() < 0.6
+
+
+@needs_detector
+def test_two_rings_alike_are_refused():
+    """Either could be taken, another one in the next picture."""
+    ring = CharucoRing(6, 7, 0.024)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        turn = Rotation.from_euler('xz', [180 + rng.uniform(-30, 30), rng.uniform(-30, 30)],
+                                   degrees=True)
+        pose = pose_of(turn, [-0.1, 0, 0.7])
+        beside = pose @ pose_of(Rotation.from_euler('z', 15, degrees=True), [0.2, 0, 0])
+        picture = picture_of_board(ring, pose, PINHOLE)
+        assert ring.seen(picture) is not None
+        other = painted(picture, CharucoRing(5, 7, 0.024), beside, PINHOLE)
+        assert ring.seen(other) is not None
+        with pytest.raises(LightFieldError, match='there are two rings of --ring 6x7 --square'):
+            ring.seen(painted(picture, ring, beside, PINHOLE))
 
 
 @needs_detector
