@@ -51,15 +51,23 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
     if not near:
         return LyingBoard(board.points, np.zeros((len(board.points), 0)), {})
     # Corners of paper that is curled may be as far off a plane as those behind glass: what is
-    # common to several pictures is the paper.
-    seen = near if len(near) == 1 else {name: pictures[name] for name in near}
+    # common to several pictures is the paper, and in a single one what fits all of its corners.
+    seen = {name: pictures[name] for name in near}
+    found = _lying(board, seen, near, pinhole)
+    is_paper = len(near) > 1 or _number(found.pictures) == _number(seen)
+    return found if is_paper else _lying(board, near, near, pinhole)
+
+
+def _lying(board: Board, seen: Mapping[str, NDArray[np.float64]],
+           near: Mapping[str, NDArray[np.float64]], pinhole: Pinhole) -> LyingBoard:
+    """By the corners that are seen in pictures; near: those by which their poses begin."""
     found = bent(seen, board.points, pinhole, near)
     sigma = np.linalg.norm(found.heights, axis=1)
     less = np.eye(len(sigma)) - _shown(found) * _plane_below(
         found.points[:, :2], board.up * found.points[:, 2] + sigma)
     points = np.concatenate([found.points[:, :2], less @ found.points[:, 2:]], axis=1)
     if isinstance(board, Checkerboard):
-        return LyingBoard(points, less @ found.heights, near)
+        return LyingBoard(points, less @ found.heights, dict(seen))
     kept = {}
     for (name, corners), off in zip(seen.items(), found.off, strict=True):
         each = board.near(corners, off)
@@ -67,6 +75,11 @@ def as_it_lies(board: Board, pictures: Mapping[str, NDArray[np.float64]], pinhol
         if each is not None:
             kept[name] = each
     return LyingBoard(points, less @ found.heights, kept)
+
+
+def _number(pictures: Mapping[str, NDArray[np.float64]]) -> int:
+    """Of corners that are seen."""
+    return sum(int(np.isfinite(each[:, 0]).sum()) for each in pictures.values())
 
 
 def _shown(found: BentBoard) -> float:

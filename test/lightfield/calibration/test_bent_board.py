@@ -227,6 +227,27 @@ def test_a_ring_may_be_curled_along_a_side(shift):
         assert len(found.pictures) == 3
 
 
+@pytest.mark.parametrize('along', [0, 1])
+def test_a_single_picture_of_a_ring_that_is_curled_along_a_side_tells_so(along):
+    """Behind nothing: all of its corners are those of a bend."""
+    ring = CharucoRing(8, 11, 0.024)
+    points, places = ring.points.copy(), ring.points[:, along]
+    points[:, 2] = TOP * np.square(places / places.max())
+    off = []
+    for seed in range(8):
+        rng = np.random.default_rng(800 + seed)
+        turn = (Rotation.from_euler('x', rng.uniform(130, 150), degrees=True)
+                * Rotation.from_euler('z', rng.uniform(-180, 180), degrees=True)).as_matrix()
+        pose = pose_of(turn, [0, 0, 0.45])
+        found = as_it_lies(ring, seen(rng, [pose], points), PINHOLE)
+        at = inverse(camera_at_board(found.pictures, found.points, PINHOLE).camera)
+        place = np.array([0, 0, 0.06])  # of an object in the middle
+        seen_at, there = (PINHOLE.project(each[:3, :3] @ place + each[:3, 3])
+                          for each in (at, pose))
+        off.append(np.linalg.norm(seen_at - there))
+    assert np.median(off) < 0.25  # px
+
+
 def test_in_pictures():
     rng = np.random.default_rng(5)
     small = Pinhole(640, 480, 600, 600, 322, 238)
