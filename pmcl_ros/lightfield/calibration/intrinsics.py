@@ -70,10 +70,10 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
     found = _fitted(kept, board, flat, width, height)
     zooms = None
     if min(pixels.max(), found.pixels.max()) < _NO_BOARD * width:
-        # Which the boards explain best: a bend yields to zooms, where there are two.
+        # A bend may yield to zooms, where there are two, or be there beside them.
         is_bent = np.square(found.pixels).mean() < _HALVED * np.square(pixels).mean()
-        zooms = (two_zooms(kept, found.board, found.camera) if is_bent
-                 else two_zooms(kept, board, flat))
+        zooms = None if is_bent else two_zooms(kept, board, flat)
+        zooms = zooms or two_zooms(kept, found.board, found.camera)
     if zooms is not None:
         fewer = min(zooms.names, key=len)
         if len(fewer) > min(_FEW * len(kept), len(kept) - FEWEST):

@@ -1,5 +1,6 @@
 """Boards on paper that is bent, seen in pictures while they rest: against truth."""
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -16,6 +17,7 @@ from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
 from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
+from pmcl_ros.runtime.errors import LightFieldError
 
 BOARD = Checkerboard(10, 7, 0.025)
 MIDDLE = BOARD.points.mean(axis=0)
@@ -200,6 +202,23 @@ def test_a_picture_of_another_zoom_is_left_out_beside_a_sheet_that_is_bent(heigh
         found = fit_intrinsics(pictures, BOARD.points, 1280, 960)
         assert found.left_out == ('zoomed.png',)
         assert found.pinhole.fx == pytest.approx(PINHOLE.fx, abs=4 * found.sigma[0])
+
+
+@pytest.mark.parametrize('height', [flat, *BENDS])
+@pytest.mark.parametrize('zoom', [1.06, 1.1])
+def test_two_zooms_half_and_half_are_named_beside_a_sheet_that_is_bent(height, zoom):
+    zoomed = replace(PINHOLE, fx=zoom * PINHOLE.fx, fy=zoom * PINHOLE.fy)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        pictures = seen(rng, views(rng, 12, 0.4), sheet(height))
+        longer = seen(rng, views(rng, 12, 0.4), sheet(height), pinhole=zoomed)
+        pictures |= {f'{number}.png': longer[f'{number}.png'] for number in range(6)}
+        with pytest.raises(LightFieldError) as caught:
+            fit_intrinsics(pictures, BOARD.points, 1280, 960)
+        one, other = (', '.join(f'{number}.png' for number in numbers)
+                      for numbers in (range(6, 12), range(6)))
+        assert re.match(fr'{one} were taken with a focal length of about 1[12]\d\d px, {other} of '
+                        r'about 1[23]\d\d px: was the zoom', str(caught.value)), caught.value
 
 
 @pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
