@@ -73,8 +73,9 @@ QUICK_ENOUGH = ('bag extract', 'board', 'calibration-from-truth', 'camera captur
                 'localize', 'scenes render', 'simulate', 'sweep plan')
 OWN = 'decode', 'localize', 'scenes render', 'simulate'  # they know their results
 PLACE = ['unshare', '-Urm', 'mount', '-t', 'tmpfs', 'none', '/mnt']
-FULL = ('mount -t tmpfs -o size=4k,nr_inodes=20 none "$1" && head -c 4096 /dev/zero > "$1/fill" '
-        '&& shift && exec "$@"')
+FULL_DISKS = ROOT / 'test/support/full_disks.py'
+FILLING = ('bag extract', 'calibration-from-truth', 'contour-map', 'grasps', 'grasps --picture',
+           'lfp pack', 'scenes pictures', 'scenes render', 'sweep plan')
 
 
 def commands(group, *words):
@@ -162,22 +163,31 @@ def test_folders_are_made(files, tmp_path, name):
     assert str(tmp_path / 'file') in told[0]
 
 
-@pytest.mark.skipif(subprocess.run(PLACE, capture_output=True, check=False).returncode != 0,
-                    reason='no file system of its own may be mounted')
-@pytest.mark.parametrize('name', ['bag extract', 'calibration-from-truth', 'contour-map',
-                                  'grasps', 'grasps --picture', 'lfp pack', 'scenes pictures',
-                                  'scenes render', 'sweep plan'])
-def test_what_a_full_disk_does_not_take_is_named(files, tmp_path, name):
-    arguments, of = (RUNS | KEPT)[name]
-    words = [*name.split(' --')[0].split(), *arguments.format(
-        **files | {'out': tmp_path / 'disk' / 'out'}).split()]
-    (tmp_path / 'disk').mkdir()
-    done = subprocess.run(
-        ['unshare', '-Urm', 'sh', '-c', FULL, 'sh', tmp_path / 'disk', sys.executable, '-m',
-         'pmcl_ros.cli', *words], capture_output=True, text=True, check=False)
-    assert done.returncode == 1, done.stdout + done.stderr
-    last = done.stderr.splitlines()[-1]
-    assert re.match(f'Error: cannot write .*{Path(of).parent}.*: No space left', last), done.stderr
+@pytest.fixture(scope='module')
+def on_full_disks(files, tmp_path_factory):
+    """What each of FILLING ends with and tells, on a full disk of its own: (status, stderr)."""
+    if subprocess.run(PLACE, capture_output=True, check=False).returncode:
+        pytest.skip('no file system of its own may be mounted')
+    folder, runs = tmp_path_factory.mktemp('full'), {}
+    for number, name in enumerate(FILLING):
+        disk = folder / str(number)
+        disk.mkdir()
+        arguments = (RUNS | KEPT)[name][0].format(**files | {'out': disk / 'out'})
+        runs[name] = str(disk), [*name.split(' --')[0].split(), *arguments.split()]
+    # One process for all of them: it is the only one that has these disks.
+    done = subprocess.run(['unshare', '-Urm', sys.executable, FULL_DISKS], text=True,
+                          input=json.dumps(runs), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize('name', FILLING)
+def test_what_a_full_disk_does_not_take_is_named(on_full_disks, name):
+    status, told = on_full_disks[name]
+    assert status == 1, told
+    folder = Path((RUNS | KEPT)[name][1]).parent
+    last = told.splitlines()[-1]
+    assert re.match(f'Error: cannot write .*{folder}.*: No space left', last), told
 
 
 @pytest.mark.parametrize('name', KEPT)

@@ -139,14 +139,6 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert (out / 'scenes' / '000001' / 'trials.json').exists()
     same = run(tumbler, 'feasibility', '--scenes', '2', *options)
     assert '0 of 2 scenes to make, 0 more to search in\n' in same.output
-    anew = run(tumbler, 'feasibility', '--scenes', '2', '--force', *options)
-    assert anew.exit_code == 0, anew.output
-    assert re.search(r'2 of 2 scenes to make, 0 more .*\nabout \d+ (s|min) more: the first scene '
-                     r'took \d+ (s|min)\n', anew.output)
-    again = json.loads((out / 'scenes' / '000000' / 'trials.json').read_text())
-    assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns != before
-    assert [each['pose'] for each in again.values()] == [
-        each['pose'] for each in trials.values()]
     other = run(tumbler, 'feasibility', '--scenes', '1', '--region', '0.5:0.6', *options)
     assert other.exit_code == 1
     assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
@@ -155,18 +147,23 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert 'scenes of another simulation: object, camera or settings have' in other.output
 
 
-def test_processes_give_the_digits_of_one(tumbler: Path) -> None:
-    studies = []
-    for jobs in ('1', '2'):
-        out = tumbler.with_name(f'jobs_{jobs}')
+def test_made_anew_by_two_processes_it_has_the_digits_of_one(tumbler: Path) -> None:
+    scenes = tumbler.parent / 'out' / 'scenes'
+    outputs, studies, times = [], [], []
+    for options in ((), ('--force', '--jobs', '2')):
         made = run(tumbler, 'feasibility', '--renderer', 'fast', '--samples', '2', '--cameras',
-                   'arc:2:30', '--scenes', '2', '--jobs', jobs, '-o', str(out))
+                   'arc:2:30', '--scenes', '2', *options, '-o', str(scenes.parent))
         assert made.exit_code == 0, made.output
+        assert '2 of 2 scenes to make, 0 more' in made.output
+        files = sorted(scenes.glob('0*/trials.json'))
+        outputs.append(made.output)
+        times.append([each.stat().st_mtime_ns for each in files])
         studies.append([{name: {**trial, 'seconds': 0} for name, trial in json.loads(
-            (scene / 'trials.json').read_text()).items()}
-            for scene in sorted((out / 'scenes').glob('0*'))])
+            each.read_text()).items()} for each in files])
+    assert re.search(r'\nabout \d+ (s|min) more: the first scene took \d+ (s|min)\n', outputs[0])
     assert len(studies[0]) == 2
     assert studies[0] == studies[1]
+    assert all(after > before for before, after in zip(*times, strict=True))
 
 
 def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
@@ -191,10 +188,12 @@ def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
 
 def test_another_process_goes_on(tumbler: Path) -> None:
     """Whatever order its sets and dictionaries have."""
+    options = ('--renderer', 'fast', '--samples', '1', '--count', '1', '-o',
+               str(tumbler.parent / 'out'))
+    assert run(tumbler, 'simulate', *options).exit_code == 0
     command = [sys.executable, '-m', 'pmcl_ros.cli', 'simulate', str(tumbler), '--camera',
-               str(tumbler.with_name('camera.yaml')), '--renderer', 'fast', '--samples', '1',
-               '--count', '1', '-o', str(tumbler.parent / 'out')]
-    for seed in ('1', '2', '3'):
+               str(tumbler.with_name('camera.yaml')), *options]
+    for seed in ('1', '2'):
         made = subprocess.run(command, env=os.environ | {'PYTHONHASHSEED': seed}, text=True,
                               capture_output=True, timeout=300)
         assert made.returncode == 0, made.stderr
