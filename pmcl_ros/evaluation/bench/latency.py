@@ -36,12 +36,15 @@ from pmcl_ros.runtime.ros_domain import own_domain
 _PLAIN = {'interpolation': 'neutral', 'truncate': False, 'view_weights': 'light'}
 
 
-def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict[str, object]:
+def measure(bag: Path, captures: int, arguments: list[str], quick: bool,
+            edges: bool) -> dict[str, object]:
     """Take `captures` pictures by the graph, each followed by the same without ROS.
 
     Both read the picture from a file (not compressed), decode, compute the evidence and search,
     with the settings of `pmcl localize` and the same random numbers. The first one is not
-    counted. quick: hardly a search, which shows the nodes' own share better.
+    counted. quick: hardly a search, which shows the nodes' own share better. edges: search by
+    edges alone. The nodes make the contour map of each capture too, else, and without ROS it is
+    made only where edges are not enough.
     Times are from the shutter to the pose in another process, and from reading to the pose [ms].
     """
     result: dict[str, object] = {}
@@ -58,7 +61,8 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
         model = ObjectModel.load(mesh)
         pmcl = PmclSettings.make({'object': str(mesh),
                                   'roi_center': truth.roi_center, 'roi_size': truth.roi_size,
-                                  **(QUICK if quick else {})})
+                                  **(QUICK if quick else {}),
+                                  **({'evidence': 'edges'} if edges else {})})
         decoders = Decoders(Calibration.load(CALIBRATION), WHITE)
         random = np.random.default_rng(pmcl.seed)
         # The nodes make the volume as in the mode default, in both modes.
@@ -124,13 +128,16 @@ def main() -> int:
     parser.add_argument('--captures', type=int, default=20)
     parser.add_argument('--processes', action='store_true', help='a process for each node')
     parser.add_argument('--quick', action='store_true', help='hardly a search')
+    parser.add_argument('--edges', action='store_true', help='search by edges alone: then the '
+                        'nodes compute no more than is computed without ROS')
     options = parser.parse_args()
     own_domain()
     out = os.fdopen(os.dup(1), 'w', buffering=1)
     os.dup2(2, 1)  # Fast DDS complains there
     try:
         result = measure(options.bag, options.captures,
-                         ['--processes'] if options.processes else [], options.quick)
+                         ['--processes'] if options.processes else [], options.quick,
+                         options.edges)
     except PmclError as error:
         sys.stderr.write(f'{error}\n')
         return 1

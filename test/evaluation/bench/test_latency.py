@@ -10,9 +10,9 @@ def test_the_graph_costs_little_more_than_the_same_without_ros():
     # other: tried again then, and each ratio is the best of all tries. A node that sleeps, or
     # computes twice, never comes through.
     ratios = []
-    while len(ratios) < 4 and not (ratios and (np.min(ratios, axis=0) < 1.3).all()):
-        result = bench_graph(2)
-        assert result.captures == result.equal == 2
+    while len(ratios) < 4 and not (ratios and (np.min(ratios, axis=0) < 1.15).all()):
+        result = bench_graph(1, edges=True)
+        assert result.captures == result.equal == 1
         assert set(result.ms) == set(result.cpu_ms) == {'graph', 'offline'}
         ratios.append((result.ratio, result.cpu_ratio))
-    assert (np.min(ratios, axis=0) < 1.3).all(), ratios
+    assert (np.min(ratios, axis=0) < 1.15).all(), ratios
