@@ -12,6 +12,7 @@ from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 
 TIMES = {'seconds': 0.0, 'dlv_seconds': 0.0, 'decode_seconds': 0.0, 'renderer': ''}
@@ -36,7 +37,10 @@ def made(plan, processes):
 
 
 def test_two_processes_make_the_trials_of_one(captures):
-    plan = TrialPlan(tuple(captures), ROW, (0,), tuple(captures[:1]))
+    # With how each is read, which commands tell by options.
+    read = [replace(each, reading=Reading(shrink=2)) if each.name == 'nothing' else each
+            for each in captures]
+    plan = TrialPlan(tuple(read), ROW, (0,), tuple(captures[:1]))
     alone, together = made(plan, 1), made(plan, 2)
     assert alone.keys() == together.keys()
     assert len(alone) == 3 + 1  # in each capture, and the glass where the thing is
@@ -47,6 +51,8 @@ def test_two_processes_make_the_trials_of_one(captures):
         assert trial.wrong == (trial.empty is False and sought != capture)
         assert trial.present == (trial.translation_mm == trial.translation_mm)
     assert {each.film for key, each in alone.items() if key[0] == 'thing'} == {True}
+    widths = {each.capture: each.width_px for each in together.values()}
+    assert widths == {'glass': 112, 'thing': 112, 'nothing': 56}
     glass = next(each for each in alone.values() if each.capture == each.sought == 'glass')
     off = np.reshape(glass.pose, (3, 4))[:, 3] - captures[0].truth.pose[:3, 3]
     assert glass.translation_mm == pytest.approx(1e3 * np.linalg.norm(off))
