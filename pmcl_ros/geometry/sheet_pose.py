@@ -14,6 +14,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 LEAST_NOISE = 0.01  # px, of a corner on each axis: no detector is better
 _EVIDENT = 30.0  # least difference of two poses' squared residuals, in variances of a corner
 _SAME = np.deg2rad(1)
+_WIDEST = 1e3  # tangent of a corner's angle off the optical axis: a lens's are far less
 _Vectors = tuple[NDArray[np.float64], NDArray[np.float64]]  # rotation (3,), origin (3,) [m]
 
 
@@ -80,6 +81,8 @@ def tilts(points: NDArray[np.float64], corners: NDArray[np.float64], matrix: NDA
     if not _tell_a_homography(flat):
         return
     seen = cv2.undistortPoints(np.ascontiguousarray(corners)[:, None], matrix, distortion)[:, 0]
+    if not np.abs(seen).max() < _WIDEST:  # or NaN, by absurd coefficients
+        return
     onto, _ = cv2.findHomography(flat, seen)
     if onto is None:
         return

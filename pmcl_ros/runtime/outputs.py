@@ -41,15 +41,16 @@ def writing(path: Path | str) -> Iterator[None]:
 def replacing(path: Path | str) -> Iterator[Path]:
     """Where to write a file: beside it, to take its name once all is written. Its folder is made.
 
-    What fails, as the disk is full, leaves nothing new, and what was there as it was. A device, as
-    /dev/stdout, is written itself. Raises as `writing`.
+    What fails, as the disk is full, leaves nothing new, and what was there as it was. A device or
+    a pipe, as /dev/stdout, is written itself. Raises as `writing`.
     """
+    given = Path(path)
     whole = Path(os.path.realpath(path))  # a link stays one
     part = whole.with_name(f'{whole.name}.{os.getpid()}.part')
     with writing(path):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        if whole.exists() and not whole.is_file():
-            yield Path(path)
+        given.parent.mkdir(parents=True, exist_ok=True)
+        if given.exists() and not given.is_file():  # by its own name: a pipe may have no other
+            yield given
             return
         try:
             yield part

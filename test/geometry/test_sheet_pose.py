@@ -66,6 +66,13 @@ def test_of_exact_corners_one_tilt_is_the_truth_and_the_other_mirrors_it_about_t
         assert normals[0] @ sight == pytest.approx(normals[1] @ sight, abs=1e-5)
 
 
+@pytest.mark.parametrize('p1', [30, 1e3, 1e6])
+def test_a_lens_by_which_corners_are_nowhere_tells_no_pose(p1):
+    corners = seen(straight(np.random.default_rng(0), 0, 20)) + 100
+    with pytest.raises(LightFieldError, match='those of no board'):
+        sheet_pose(SHEET, corners, PINHOLE.matrix, np.array([0, 0, p1, -30, 0]))
+
+
 @pytest.mark.parametrize('beside', [0, 1])
 def test_points_on_a_line_and_one_beside_it_tell_no_pose(beside):
     points = SHEET[:10 + beside]

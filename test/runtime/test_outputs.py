@@ -132,6 +132,11 @@ def test_a_device_is_written_itself(tmp_path):
     assert os.read(reader, 10) == b'text'
     os.close(reader)
     assert [each.name for each in tmp_path.iterdir()] == ['pipe']
+    ends = os.pipe()  # as of `-o /dev/stdout | less` and `-o >(less)`
+    write_file(f'/dev/fd/{ends[1]}', 'text')
+    assert os.read(ends[0], 10) == b'text'
+    for each in ends:
+        os.close(each)
 
 
 @pytest.mark.parametrize('there', ['folder', 'link'])

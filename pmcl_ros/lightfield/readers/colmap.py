@@ -134,7 +134,7 @@ def _lines_of_binary(path: Path) -> Iterator[tuple[int, str]]:
             yield number, line
             if records is _image_lines:
                 yield number, ''  # of its points
-    except (struct.error, ValueError) as error:
+    except (struct.error, ValueError, OverflowError) as error:
         raise LightFieldError(f'{path} is damaged, or of another format: after {number} '
                               f'{path.stem} {error}') from None
 

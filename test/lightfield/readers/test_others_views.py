@@ -161,6 +161,7 @@ def test_a_binary_model_is_the_same_as_its_text(tmp_path, model, parameters, dis
     ('cameras', lambda data: data[:12] + b'\7' + data[13:],
      'cameras.bin:1: the camera model 7 is not known, only'),
     ('images', lambda data: data.replace(b'a.png', b'\xff.png'), "after 0 images 'utf-8' codec"),
+    ('images', lambda data: data[:78] + b'\xff' * 8 + data[86:], 'is damaged, .*after 1 images'),
 ])
 def test_a_damaged_binary_model_is_told(tmp_path, name, change, reason):
     folder = colmap(tmp_path)
