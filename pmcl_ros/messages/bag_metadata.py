@@ -17,6 +17,7 @@ from rosbags.interfaces import (
 from pmcl_ros.messages.cdr import typestore
 from pmcl_ros.messages.mcap_records import Channel
 from pmcl_ros.runtime.errors import BagError, FileError, SettingsError
+from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import parse_yaml, read_yaml_file
 
@@ -95,10 +96,8 @@ def metadata_of(written: Written) -> dict[str, Any]:
 
 
 def write(path: Path, values: dict[str, Any]) -> None:
-    """Write a metadata.yaml at once: a folder that has one is a bag. Raises OSError."""
-    part = path.with_suffix('.yaml.part')
-    part.write_text(as_yaml({_ROOT: values}), encoding='utf-8')
-    part.replace(path)
+    """Write a metadata.yaml at once: a folder that has one is a bag. Raises OutputError."""
+    write_file(path, as_yaml({_ROOT: values}))
 
 
 def as_yaml(values: Any) -> str:

@@ -23,7 +23,7 @@ from pmcl_ros.messages.mcap_records import MOST_CHUNK, Channel
 from pmcl_ros.messages.mcap_writer import McapWriter
 from pmcl_ros.messages.sqlite_reader import SqliteReader
 from pmcl_ros.messages.unpacking import unpack_file, unpacked
-from pmcl_ros.runtime.errors import BagError, MessageError
+from pmcl_ros.runtime.errors import BagError, MessageError, OutputError
 
 _LOG = logging.getLogger(__name__)
 _ROOM = '.room_for_the_summary'  # while a bag is written
@@ -118,7 +118,7 @@ class BagWriter:
     def _explained(self) -> Iterator[None]:
         try:
             yield
-        except (BagError, OSError) as error:
+        except (BagError, OutputError, OSError) as error:
             self._error = BagError(f'cannot write {self._bag}: {error}')
             raise self._error from None
 
@@ -164,8 +164,8 @@ def is_bag(path: Path | str) -> bool:
 
 def remove_bag(path: Path) -> None:
     """Remove a bag, complete or not; a folder that holds anything else stays."""
-    own = re.compile(r'.*\.(mcap|db3)([.-].*)?|' + re.escape(bag_metadata.NAME) + r'(\.part)?|'
-                     + re.escape(_ROOM))
+    own = re.compile(r'.*\.(mcap|db3)([.-].*)?|' + re.escape(bag_metadata.NAME)
+                     + r'((\.\d+)?\.part)?|' + re.escape(_ROOM))
     if path.is_dir() and all(own.fullmatch(each.name) for each in path.iterdir()):
         shutil.rmtree(path)
 

@@ -15,7 +15,7 @@ from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.runtime.errors import FileError, PmclError
 from pmcl_ros.runtime.npz_file import read_arrays
-from pmcl_ros.runtime.outputs import writing
+from pmcl_ros.runtime.outputs import replacing
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import DIRECTIONS, contour_labels
 from pmcl_ros.simulation.path_tracing.render import physical
@@ -183,12 +183,9 @@ def write_labelled(folder: Path, seed: int, settings: PictureSettings) -> Path:
     path = path_of(folder, seed)
     if not path.exists():
         made = labelled_picture(seed, settings)
-        part = path.with_suffix('.part')
-        with writing(path):
-            with part.open('wb') as file:
-                np.savez_compressed(file, picture=made.picture, direction=made.direction,
-                                    inside=made.inside)
-            part.replace(path)
+        with replacing(path) as part, part.open('wb') as file:
+            np.savez_compressed(file, picture=made.picture, direction=made.direction,
+                                inside=made.inside)
     return path
 
 

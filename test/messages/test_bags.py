@@ -169,7 +169,7 @@ def test_a_bag_of_several_files_is_read_as_one(tmp_path):
 def test_a_bag_is_removed_but_nothing_else(tmp_path):
     bag = tmp_path / 'bag'
     own = ['bag.mcap', 'bag.mcap.zstd', 'bag_0.db3', 'bag_0.db3-wal', 'metadata.yaml',
-           'metadata.yaml.part', '.room_for_the_summary']
+           'metadata.yaml.part', 'metadata.yaml.12.part', '.room_for_the_summary']
     for more in ([], ['notes.txt'], ['mcap'], ['metadata.yaml.old']):
         bag.mkdir(exist_ok=True)
         for name in (*own, *more):

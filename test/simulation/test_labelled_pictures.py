@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 import pmcl_ros.simulation
 from pmcl_ros.cli import main
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.learning.contour_net.pictures import labelled_files
+from pmcl_ros.runtime.errors import PictureError, PmclError
 from pmcl_ros.simulation.labelled_pictures import (
     PictureSettings,
     labelled_picture,
@@ -74,11 +75,14 @@ def test_many_are_made_once_and_again_where_one_lacks(tmp_path):
     assert np.array_equal(read.inside, again.inside)
 
 
-def test_what_was_interrupted_is_made_again(tmp_path):
-    path_of(tmp_path, 3).with_suffix('.part').write_bytes(b'half')
+def test_what_a_killed_process_left_is_no_picture(tmp_path):
+    path = path_of(tmp_path, 3)
+    path.with_name(f'{path.name}.7.part').write_bytes(b'half')
+    with pytest.raises(PictureError, match='holds no labelled pictures'):
+        labelled_files(tmp_path)
     write_labelled(tmp_path, 3, _SMALL)
-    assert [path.name for path in tmp_path.iterdir()] == ['000003.npz']
-    read_labelled(path_of(tmp_path, 3))
+    assert labelled_files(tmp_path) == [path]
+    read_labelled(path)
 
 
 def test_a_broken_file_is_named(tmp_path):

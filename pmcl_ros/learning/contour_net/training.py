@@ -21,7 +21,7 @@ from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.npz_file import read_arrays
-from pmcl_ros.runtime.outputs import writing
+from pmcl_ros.runtime.outputs import replacing
 
 _WARM_UP = 0.02  # the part of all steps in which the learning rate rises
 _BATCHES_OF_STATISTICS = 8  # of which batch normalisation takes its means at the end
@@ -65,13 +65,11 @@ class State:
         """Write the state; a file of that name is replaced when all is written."""
         values: dict[str, Any] = {f'weight{n}': each for n, each in enumerate(self.weights)}
         values |= {f'optimizer{n}': each for n, each in enumerate(self.optimizer)}
-        part = path.with_suffix('.part.npz')
-        with writing(path):
-            np.savez(part, step=self.step, weights=len(self.weights),
+        with replacing(path) as part, part.open('wb') as file:
+            np.savez(file, step=self.step, weights=len(self.weights),
                      optimizers=len(self.optimizer), history=np.array(self.history),
                      seconds=self.seconds,
                      start=np.frombuffer(bytes.fromhex(self.start), np.uint8), **values)
-            part.replace(path)
 
 
 @dataclass

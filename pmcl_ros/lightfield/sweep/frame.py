@@ -29,7 +29,7 @@ class Lens:
     distortion: coefficients of OpenCV's models, which are those of REP-104: plumb_bob and
         rational_polynomial (k1, k2, p1, p2[, k3, ...]), equidistant (its fisheye, k1 to k4).
         Empty: none.
-    Raises LightFieldError for other models, or other numbers of coefficients.
+    Raises LightFieldError for other models, other numbers of coefficients, and some not finite.
     """
 
     pinhole: Pinhole
@@ -41,8 +41,10 @@ class Lens:
             raise LightFieldError(f'distortion model {self.model!r} is not known, only '
                                   f'{", ".join(get_args(DistortionModel))}; rectify the images '
                                   'first')
-        if (len(self.distortion) not in _COUNTS[self.model]
-                or not np.isfinite(self.distortion).all()):
+        if not np.isfinite(self.distortion).all():
+            raise LightFieldError(f'{self.model} distortion {list(self.distortion)} is not finite: '
+                                  'calibrate the camera again')
+        if len(self.distortion) not in _COUNTS[self.model]:
             others = [name for name, counts in _COUNTS.items() if len(self.distortion) in counts
                       and name != self.model]
             raise LightFieldError(
