@@ -45,6 +45,7 @@ class _Frame(Settings):
     transform_matrix: list[_Row] = Field(min_length=3, max_length=4)
     mask_path: str | None = None
     camera_model: str = _PERSPECTIVE[0]
+    is_fisheye: bool = False  # of instant-ngp, which has no camera_model
     fl_x: _Length = None
     fl_y: _Length = None
     camera_angle_x: _Angle = None
@@ -67,10 +68,14 @@ class _Frame(Settings):
         if self.camera_model not in (*_PERSPECTIVE, _FISHEYE):
             raise ValueError(f'the camera_model {self.camera_model} is not known, only '
                              f'{", ".join(_PERSPECTIVE)} and {_FISHEYE}; undistort the pictures')
-        if self.camera_model != _FISHEYE and self.k4:
+        if not self._fisheye and self.k4:
             raise ValueError(f'{self.camera_model} has k1, k2, k3, p1 and p2, no k4 '
                              f'({self.k4:g}); undistort the pictures')
         return self
+
+    @property
+    def _fisheye(self) -> bool:
+        return self.is_fisheye or self.camera_model == _FISHEYE
 
     @property
     def pose(self) -> NDArray[np.float64]:
@@ -80,7 +85,7 @@ class _Frame(Settings):
     @property
     def distortion(self) -> tuple[str, tuple[float, ...]]:
         """Model and coefficients of views.yaml."""
-        if self.camera_model == _FISHEYE:
+        if self._fisheye:
             return 'equidistant', (self.k1, self.k2, self.k3, self.k4)
         return 'plumb_bob', (self.k1, self.k2, self.p1, self.p2, self.k3)
 

@@ -29,7 +29,7 @@ class Lens:
     distortion: coefficients of OpenCV's models, which are those of REP-104: plumb_bob and
         rational_polynomial (k1, k2, p1, p2[, k3, ...]), equidistant (its fisheye, k1 to k4).
         Empty: none.
-    Raises LightFieldError for other models, other numbers of coefficients, and some not finite.
+    Raises LightFieldError for other models, other numbers of coefficients, or NaN among them.
     """
 
     pinhole: Pinhole

@@ -114,11 +114,11 @@ def test_each_picture_may_have_its_own_camera(tmp_path):
     assert [each.pinhole.fx for each in views] == [40, 50, 40]
 
 
-def test_a_fisheye_is_that_of_opencv(tmp_path):
+@pytest.mark.parametrize('said', [{'camera_model': 'OPENCV_FISHEYE'}, {'is_fisheye': True}])
+def test_a_fisheye_is_that_of_opencv(tmp_path, said):
     numbers = [0.03, 0.005, 0.0006, 0.0001]
     expected = of_views_yaml(tmp_path / 'own', distortion=numbers, model='equidistant')
-    shared = CAMERA | {'camera_model': 'OPENCV_FISHEYE'} | dict(
-        zip(('k1', 'k2', 'k3', 'k4'), numbers, strict=True))
+    shared = CAMERA | said | dict(zip(('k1', 'k2', 'k3', 'k4'), numbers, strict=True))
     same(read_source(write(tmp_path / 'a', shared, frames())), expected)
 
 
