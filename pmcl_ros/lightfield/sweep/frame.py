@@ -42,8 +42,8 @@ class Lens:
                                   f'{", ".join(get_args(DistortionModel))}; rectify the images '
                                   'first')
         if not np.isfinite(self.distortion).all():
-            raise LightFieldError(f'{self.model} distortion {list(self.distortion)} is not finite: '
-                                  'calibrate the camera again')
+            raise LightFieldError(f'{self.model} distortion {list(self.distortion)} is not '
+                                  'finite: calibrate the camera again')
         if len(self.distortion) not in _COUNTS[self.model]:
             others = [name for name, counts in _COUNTS.items() if len(self.distortion) in counts
                       and name != self.model]
