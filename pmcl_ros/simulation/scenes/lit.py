@@ -26,12 +26,13 @@ _LIMIT = 1.0  # of what is chosen by chance, in units of a white surface's radia
 _HARDLY = 0.08  # a path of less weight looks for no shadows
 
 
-@compiled(inner=True, exact=True)
+@compiled(inlined=True, inner=True, exact=True)
 def follow(  # type: ignore[no-untyped-def]
         world, waiting, hit, other, stack, state, seen, light, ox, oy, oz, dx, dy, dz):
     """As `trace.trace`, with shadows where there are lamps.
 
-    other: (9,) scratch. seen: of `lamps.irradiated`.
+    other: (9,) scratch. seen: of `lamps.irradiated`. Inlined: to hand on the world once more took
+    a third of the time of a simple scene.
     """
     if len(world.lamps) == 0:
         trace(world, waiting, hit, stack, state, light, ox, oy, oz, dx, dy, dz)
