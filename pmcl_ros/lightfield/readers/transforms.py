@@ -28,7 +28,7 @@ _FRAME = 'transforms'  # of the poses
 _PNG = '.png'  # of names without an ending, as Blender's
 _PERSPECTIVE, _FISHEYE = ('OPENCV', 'PINHOLE', 'SIMPLE_PINHOLE', 'PERSPECTIVE'), 'OPENCV_FISHEYE'
 _TO_OPENCV = np.array([1.0, -1.0, -1.0, 1.0])  # of the axes of a camera
-# What only those write whose poses have no metric scale: nerfstudio of COLMAP, and instant-ngp.
+# Written by nerfstudio of COLMAP and by instant-ngp, whose poses have no metric scale.
 _NOT_METRIC = {'colmap_im_id', 'sharpness', 'aabb_scale'}
 _Length = Annotated[float | None, Field(gt=0)]
 _Angle = Annotated[float | None, Field(gt=0, lt=math.pi)]

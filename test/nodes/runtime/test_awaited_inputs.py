@@ -68,8 +68,8 @@ def test_a_topic_that_nobody_publishes_is_told_once(node, user, name, remapped, 
 
 def test_a_publisher_that_is_silent_is_no_fault(node, user, small_edges):
     """Pictures are taken when somebody wants one; who was there may go."""
+    edges = user.node.create_publisher(Float32MultiArray, 'dlv/edges', BIG)  # it is known at once
     process, told = node('pmcl_node', tracking='none')
-    edges = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
     fine(user, told, 'awaits /dlv/edges (publishers: 1)')
     assert user.node.destroy_publisher(edges)
     fine(user, told, 'awaits /dlv/edges (publishers: 0)')
@@ -106,9 +106,9 @@ def test_what_is_awaited_gives_way_to_what_comes(node, user, small_light_field):
     ids=['volatile', 'best effort', 'of another type'])
 def test_a_publisher_that_is_not_heard_is_told_with_the_reason(node, user, kind, qos, why):
     """As `ros2 topic pub` has it: not latched."""
-    process, told = node('subaperture_node')
     user.node.create_publisher(kind, 'metadata', qos)
-    user.publisher(Image, 'image_raw', BIG)
+    user.node.create_publisher(Image, 'image_raw', BIG)  # both are known at once
+    process, told = node('subaperture_node')
     user.wait(lambda: told()[0] == DiagnosticStatus.WARN, 'a warning')
     awaited = f'awaits /metadata (publishers: 1, not heard: {why})'
     assert told()[1] == awaited
