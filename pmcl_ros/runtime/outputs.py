@@ -52,6 +52,8 @@ def replacing(path: Path | str) -> Iterator[Path]:
         if given.exists() and not given.is_file():  # by its own name: a pipe may have no other
             yield given
             return
+        if whole.exists():
+            whole.open('ab').close()  # raises for one that may not be written
         try:
             yield part
             if whole.exists():

@@ -6,6 +6,8 @@ import resource
 import signal
 import sys
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from pmcl_ros.runtime.errors import FileError, OutputError
 from pmcl_ros.runtime.outputs import Results, replacing, write_file
 
 NOTE = '.pmcl_results.json'
+NOBODY = 65534
 
 
 def write(folder, text, command='decode', force=False, name='a.txt'):
@@ -107,6 +110,27 @@ def test_what_cannot_be_written_whole_leaves_all_as_it_was(tmp_path, write, befo
     assert len(real.read_bytes()) >= 10_000
     if before is not None:
         assert real.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_that_may_not_be_written_stays():
+    """Though its folder may be."""
+    def written():
+        os.setuid(user)  # root may write all
+        limited(lambda: write_file(path, 'text'), 5000)
+
+    user = os.getuid() or NOBODY
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'a.txt'
+        path.write_text('mine')
+        path.chmod(0o444)
+        for each in (folder, path):
+            os.chown(each, user, -1)
+        writing = get_context('fork').Process(target=written)
+        writing.start()
+        writing.join()
+        assert writing.exitcode == 3
+        assert [each.name for each in Path(folder).iterdir()] == ['a.txt']
+        assert path.read_text() == 'mine'
 
 
 def test_what_is_interrupted_leaves_all_as_it_was(tmp_path):
