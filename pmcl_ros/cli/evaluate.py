@@ -27,7 +27,12 @@ from pmcl_ros.cli.base import (
 from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.cli.sources import GivenReading, reading_options
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
+from pmcl_ros.evaluation.bop_captures import (
+    BopCapture,
+    BopChoice,
+    bop_captures,
+    bop_scenes,
+)
 from pmcl_ros.evaluation.captures import Capture, find_captures, select
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
@@ -160,6 +165,9 @@ def _read_by(given: GivenReading, captures: Sequence[Capture], folder: Path) -> 
             each.picture is not None or is_bag(each.source) for each in captures):
         raise click.UsageError(f'{folder} has only raw pictures or bags: --every and --shrink '
                                'are for light fields and ordinary pictures')
+    if given.every != 1 and any(isinstance(each, BopCapture) for each in captures):
+        raise click.UsageError(f'{folder}: pictures of BOP scenes are chosen by --views and '
+                               '--targets; leave out --every')
     if reading.errors is not None and not any(each.may_be_posed for each in captures):
         raise click.UsageError(f'{folder} has no pictures with poses of their cameras: --sigma-mm '
                                'and --sigma-deg are errors of such')

@@ -85,14 +85,12 @@ def test_its_report_has_no_sections_of_several_views(captures, tmp_path):
         assert missing not in page
 
 
-@pytest.mark.parametrize(('arguments', 'reason'), [
-    (('--mode', 'faithful'), 'needs a light field'), (('--every', 2), 'no grid')])
-def test_what_needs_several_views_is_refused_in_one_line(captures, arguments, reason):
+def test_what_needs_several_views_is_refused_in_one_line(captures):
     capture = captures / '000001'
     done = pmcl('localize', capture, '--object', capture / 'model.obj', '--roi', *region(capture),
-                *arguments)
+                '--mode', 'faithful')
     assert done.exit_code == 1
-    assert reason in done.stderr
+    assert 'needs a light field' in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 

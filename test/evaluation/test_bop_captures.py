@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+from command_line import pmcl
 from scipy.spatial.transform import Rotation
 from test_recall import trial
 from test_records import read_bop
@@ -276,3 +277,8 @@ def test_names_that_are_not_there_are_told_with_some_that_are(scene):
     assert select(captures, [captures[2].name], scene) == [captures[2]]
     with pytest.raises(SettingsError, match=r'no capture glass; there are 000012/000000/.*'):
         select(captures, ['glass'], scene)
+
+
+def test_which_pictures_are_taken_is_said_in_one_way(scene, tmp_path):
+    done = pmcl('evaluate', scene, '--every', 2, '--out', tmp_path / 'out', status=2)
+    assert 'are chosen by --views and --targets; leave out' in ' '.join(done.stderr.split())

@@ -112,6 +112,25 @@ def test_what_cannot_be_written_whole_leaves_all_as_it_was(tmp_path, write, befo
         assert real.stat().st_mode & 0o777 == 0o600
 
 
+def test_a_file_in_a_folder_that_may_not_be_changed_is_written():
+    def written():
+        os.setuid(user)  # root may change all
+        write_file(path, 'text')
+
+    user = os.getuid() or NOBODY
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'a.txt'
+        path.write_text('mine')
+        os.chown(path, user, -1)
+        Path(folder).chmod(0o555)
+        writing = get_context('fork').Process(target=written)
+        writing.start()
+        writing.join()
+        assert writing.exitcode == 0
+        assert path.read_text() == 'text'
+        Path(folder).chmod(0o755)
+
+
 def test_a_file_that_may_not_be_written_stays():
     """Though its folder may be."""
     def written():
