@@ -43,13 +43,15 @@ POSES = [pose((0.5, 0.1), 0.2, 0.36, (0.01, -0.01)), pose((-0.45, 0.2), -0.3, 0.
 class BoardScene:
     """The camera of a `Calibration`; a board of columns x rows inner corners of a square [m].
 
-    zoom: the metadata's zoom step.
+    zoom: the metadata's zoom step. radius: [m] of the cylinder around which the board is bent, up
+    at the ends of its rows.
     """
 
-    def __init__(self, camera=None, board=(6, 5, 0.012), zoom=600):
+    def __init__(self, camera=None, board=(6, 5, 0.012), zoom=600, radius=np.inf):
         self.calibration = Calibration.make({**CAMERA, **(camera or {})}, 'scene')
         self.board = board
         self.zoom = zoom
+        self.radius = radius
         raw = np.indices((SIDE, SIDE))[::-1].transpose(1, 2, 0).astype(float)
         i, j = np.meshgrid(np.arange(-50, 51), np.arange(-60, 61))
         centres = self.calibration.lattice.centres(i, j).reshape(-1, 2)
@@ -74,7 +76,17 @@ class BoardScene:
         start = (np.concatenate([origin, 0 * origin[..., :1]], -1) - translation) @ rotation
         along = np.concatenate([direction, 1 + 0 * direction[..., :1]], -1) @ rotation
         depth = -start[..., 2:] / along[..., 2:]
-        return (start + depth * along)[..., :2]
+        if np.isinf(self.radius):
+            return (start + depth * along)[..., :2]
+        middle = np.array([(self.board[0] - 1) / 2 * self.board[2], 0])
+        for _ in range(20):
+            x = np.clip((start + depth * along)[..., :1] - middle[0], -0.9 * self.radius,
+                        0.9 * self.radius)
+            up = self.radius - np.sqrt(self.radius ** 2 - x ** 2)
+            depth = (up - start[..., 2:]) / along[..., 2:]
+        x, y = np.moveaxis((start + depth * along)[..., :2] - middle, -1, 0)
+        turned = np.arcsin(np.clip(x / self.radius, -0.9, 0.9))
+        return np.stack([self.radius * turned, y], axis=-1) + middle
 
     def reflectance(self, board_to_camera):
         """(SIDE, SIDE): light corner square first, a light margin one square wide, a wall."""

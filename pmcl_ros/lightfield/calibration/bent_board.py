@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.sheet_pose import LEAST_NOISE, sheet_pose
+from pmcl_ros.lightfield.calibration.bend import USUAL_BEND, Sheet, bend_cost, bend_information
 
-_DEGREE = 4  # of the polynomial: paper that is curled at one edge, or at a corner
-_BEND, _BEND_FREEDOM = 1e-4, 1.0  # m, at the border; Student's t: a sheet may be bent a lot
 _LARGE_BEND = 1e-3  # m
 _FREEDOM = 3.0  # of the corners' errors, Student's t: some are much larger, as behind glass
 _STEPS, _HALVINGS = 60, 8
@@ -107,16 +106,16 @@ def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.floa
     """
     bundle = _Bundle(pictures, flat, camera, onto, prior)
     begun = bundle.start(pictures if near is None else near)
-    ends = [bundle.adjusted(start, _BEND)
+    ends = [bundle.adjusted(start, USUAL_BEND)
             for start in (begun, bundle.adjusted(begun, _LARGE_BEND))]
-    found = min(ends, key=lambda values: bundle.cost(values, _BEND))
-    _, information = bundle.step(found, _BEND)
+    found = min(ends, key=lambda values: bundle.cost(values, USUAL_BEND))
+    _, information = bundle.step(found, USUAL_BEND)
     every = bundle.spread(found) * np.asarray(np.linalg.inv(information), float)
     unknown = onto.shape[1]
     off = np.full((len(pictures), len(flat)), np.nan)
     for row, seen, each in zip(off, pictures.values(), bundle.off(found), strict=True):
         row[np.isfinite(seen).all(axis=1)] = np.linalg.norm(each, axis=1)
-    heights = bundle.terms @ np.linalg.cholesky(every[unknown:, unknown:])
+    heights = bundle.sheet.terms @ np.linalg.cholesky(every[unknown:, unknown:])
     return BentBoard(bundle.points(found), heights, bundle.camera(found),
                      every[:unknown, :unknown], off)
 
@@ -134,7 +133,7 @@ class _Bundle:
         self._shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
         self._corners = [each[own]
                          for each, own in zip(pictures.values(), self._shown, strict=True)]
-        self._flat, self.terms = flat, _terms(flat[:, :2])
+        self._flat, self.sheet = flat, Sheet(flat)
         self._camera, self._onto, self._prior = camera, onto, prior
         self._unknown = onto.shape[1]
         self.count = sum(map(len, self._corners))
@@ -148,7 +147,7 @@ class _Bundle:
             pose = sheet_pose(self._flat[own], corners, _matrix(self._camera), self._camera[4:])
             poses.append(np.concatenate(pose))
         return self._with_variance(_Values(
-            np.zeros(self._unknown + self.terms.shape[1]), np.array(poses), np.inf))
+            np.zeros(self._unknown + self.sheet.terms.shape[1]), np.array(poses), np.inf))
 
     def adjusted(self, values: _Values, size: float) -> _Values:
         """The most likely values nearby, of bends whose terms have a size [m].
@@ -176,7 +175,7 @@ class _Bundle:
 
     def points(self, values: _Values) -> NDArray[np.float64]:
         """(m, 3) [m]."""
-        return self._flat + np.outer(self.terms @ values.shared[self._unknown:], [0, 0, 1])
+        return self.sheet.points(values.shared[self._unknown:])
 
     def off(self, values: _Values) -> list[NDArray[np.float64]]:
         """(m, 2) of each picture, seen less expected [px]."""
@@ -184,13 +183,12 @@ class _Bundle:
 
     def cost(self, values: _Values, size: float) -> float:
         """Negative logarithm of the likelihood and of the prior, without what is constant."""
-        bend = np.square(values.shared[self._unknown:] / size)
         off = self._squares(values) / values.variance
         return float(
             self._prior @ np.square(values.shared[:self._unknown]) / 2
             + (_FREEDOM + 2) / 2 * np.log1p(off / _FREEDOM).sum()
             + self.count * np.log(values.variance)
-            + (_BEND_FREEDOM + 1) / 2 * np.log1p(bend / _BEND_FREEDOM).sum())
+            + bend_cost(values.shared[self._unknown:], size))
 
     def _with_variance(self, values: _Values) -> _Values:
         """The same with the variance that these weights give."""
@@ -216,9 +214,9 @@ class _Bundle:
 
     def step(self, values: _Values, size: float) -> tuple[_Values, NDArray[np.float64]]:
         """The Gauss-Newton step, and the information on what is shared, whatever the poses are."""
-        bend, variance = np.square(values.shared[self._unknown:] / size), values.variance
+        variance = values.variance
         prior = np.concatenate([
-            self._prior, (_BEND_FREEDOM + 1) / (_BEND_FREEDOM + bend) / size ** 2])
+            self._prior, bend_information(values.shared[self._unknown:], size)])
         information, slope, views = np.diag(prior), -prior * values.shared, []
         for off, by_pose, by_shared in self._views(values):
             root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
@@ -243,27 +241,15 @@ class _Bundle:
         ones, x and y in turn, by the pose (2 m, 6) and by what is shared (2 m, q + k).
         """
         points, camera = self.points(values), self.camera(values)
+        by_bend = self.sheet.derivatives(values.shared[self._unknown:])
         for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
             expected, every = cv2.projectPoints(points[own], pose[:3], pose[3:], _matrix(camera),
                                                 camera[4:])
             slopes = np.asarray(every, float)
-            up = slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0][:, 2:]
+            by_place = (slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0]).reshape(-1, 2, 3)
             by_shared = [slopes[:, _BY_CAMERA] @ self._onto,
-                         up * self.terms[own].repeat(2, axis=0)]
+                         (by_place @ by_bend[own]).reshape(len(slopes), -1)]
             yield corners - expected[:, 0], slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
-
-
-def _terms(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m, k) what each term of the bend adds to the heights at places (m, 2) on the sheet.
-
-    They are polynomials of second degree and more, without a plane: that is the pose.
-    """
-    middle = (places.min(axis=0) + places.max(axis=0)) / 2
-    x, y = ((places - middle) / np.abs(places - middle).max()).T
-    terms = np.stack([x ** (degree - power) * y ** power for degree in range(2, _DEGREE + 1)
-                      for power in range(degree + 1)], axis=1)
-    plane = np.stack([np.ones(len(x)), x, y], axis=1)
-    return np.asarray(terms - plane @ np.linalg.lstsq(plane, terms, rcond=None)[0])
 
 
 def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,14 +1,16 @@
-"""Bundle adjustment: the camera and the boards' poses from all corners, and their uncertainty."""
+"""Bundle adjustment: camera, poses and the board's bend from all corners, and uncertainty."""
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.sheet_pose import tilts
+from pmcl_ros.lightfield.calibration.bend import Sheet, bend_cost, bend_information
 from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model, predict
 from pmcl_ros.lightfield.calibration.corners import Corners
 from pmcl_ros.runtime.errors import LightFieldError
@@ -20,6 +22,7 @@ _STEPS, _HALVINGS = 50, 12  # Gauss-Newton steps, and halvings of one that raise
 _DONE = 1e-9  # relative change of the cost
 _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's parameters:
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
+_PLACE = 0.1  # the same, of a corner's place on the board
 _MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
 _BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: typical of an F01, used where corners give no estimate
 _OPEN = 1e-6  # least eigenvalue of correlations: less is rounding; that of good boards is 0.005
@@ -28,9 +31,9 @@ _DISTINCT = 3  # least number of different boards in a resample
 
 @dataclass(frozen=True)
 class Observations:
-    """n boards of m corners each.
+    """n pictures of a board with m corners.
 
-    points: (m, 3) on the board, metres, z = 0.
+    points: (m, 3) on the board, metres, z = 0: while it is flat.
     values: (n, m, 4) position and disparity of every corner, as in `Corners`.
     whitening: (n, m, 4, 4) W with W^T W = the inverse of the covariance; 0: not measured.
     """
@@ -61,6 +64,11 @@ class Observations:
         """(n, m) which corners were measured."""
         return np.asarray(self.whitening.any(axis=(-1, -2)))
 
+    @cached_property
+    def sheet(self) -> Sheet:
+        """The board's, which is the same in all pictures."""
+        return Sheet(self.points)
+
     def excluding(self, dropped: NDArray[np.bool_]) -> 'Observations':
         """Without some corners (n, m)."""
         return replace(self, whitening=self.whitening * ~dropped[..., None, None])
@@ -68,57 +76,64 @@ class Observations:
 
 @dataclass(frozen=True)
 class Fit:
-    """The most likely camera and poses.
+    """The most likely camera, poses and bend.
 
     camera: (8,) as `PARAMETERS`. poses: (n, 6) of the boards, rotation vector and origin [m].
+    bend: (k,) heights of the terms of the bend [m], of the one sheet that all pictures show.
     residuals: (n, m, 4) measured minus predicted, in standard deviations of the corners' own
         covariances. noise: the variance of these residuals, outliers apart.
-    cost: their sum of squares, outliers counted less.
+    cost: their sum of squares, outliers counted less, and what the bend costs by its prior.
     """
 
     model: Model
     observations: Observations
     camera: NDArray[np.float64]
     poses: NDArray[np.float64]
+    bend: NDArray[np.float64]
     residuals: NDArray[np.float64]
     noise: float
     cost: float
 
 
 def bundle_adjust(observations: Observations, model: Model, camera: NDArray[np.float64],
-                  poses: NDArray[np.float64], noise: float = 1.0) -> Fit:
-    """The most likely camera and poses, from a start, by Gauss-Newton steps.
+                  poses: NDArray[np.float64], noise: float = 1.0,
+                  bend: NDArray[np.float64] | None = None) -> Fit:
+    """The most likely camera, poses and bend, from a start, by Gauss-Newton steps.
 
     noise: as in `Fit`; residuals beyond three standard deviations have a linear cost (Huber).
+    bend: None: flat.
     Raises LightFieldError when no camera explains the corners.
     """
     basis = model.basis
     camera = basis @ (basis.T @ camera / basis.sum(axis=0))
-    residuals = _residuals(observations, camera, poses)
-    cost = _cost(residuals, noise)
+    bend = np.zeros(observations.sheet.terms.shape[1]) if bend is None else bend
+    residuals = _residuals(observations, camera, poses, bend)
+    cost = _cost(residuals, bend, noise)
     for _ in range(_STEPS):
         try:
-            by_camera, by_pose = linearize(observations, model, camera, poses, noise).step()
+            shared, by_pose = linearize(observations, model, camera, poses, bend, noise).step()
         except np.linalg.LinAlgError:
             break
+        by_camera, by_bend = basis @ shared[:model.free], shared[model.free:]
         for part in 0.5 ** np.arange(_HALVINGS):
-            moved = camera + part * basis @ by_camera, poses + part * by_pose
+            moved = camera + part * by_camera, poses + part * by_pose, bend + part * by_bend
             residuals = _residuals(observations, *moved)
-            if _cost(residuals, noise) <= cost:
+            if _cost(residuals, moved[-1], noise) <= cost:
                 break
         else:
             break
-        (camera, poses), before, cost = moved, cost, _cost(residuals, noise)
+        (camera, poses, bend), before = moved, cost
+        cost = _cost(residuals, bend, noise)
         if before - cost <= _DONE * cost:
             break
-    residuals = _residuals(observations, camera, poses)
+    residuals = _residuals(observations, camera, poses, bend)
     if not (np.isfinite(cost) and camera[0] > 0 and camera[4] > 0):
         raise LightFieldError(f'no camera explains the corners of the boards (fx {camera[0]:.4g} '
                               f'px, baseline {camera[4]:.3g} m); are --corners and --square those '
                               'of the board?')
     # Of a Gaussian half lies within 0.67 standard deviations.
     spread = float((np.median(np.abs(residuals[observations.valid])) / 0.6745) ** 2)
-    return Fit(model, observations, camera, poses, residuals, spread, cost)
+    return Fit(model, observations, camera, poses, bend, residuals, spread, cost)
 
 
 def select_model(observations: Observations, camera: NDArray[np.float64],
@@ -139,12 +154,14 @@ def select_model(observations: Observations, camera: NDArray[np.float64],
         if not wild.any():
             break
         observations = observations.excluding(wild)
-        first = bundle_adjust(observations, Model(), first.camera, first.poses, first.noise)
+        first = bundle_adjust(observations, Model(), first.camera, first.poses, first.noise,
+                              first.bend)
     fits: list[Fit] = []
     for model in _MODELS:  # the largest first: its residuals estimate the noise
         noise = fits[0].noise if fits else first.noise
         try:
-            fits.append(bundle_adjust(observations, model, first.camera, first.poses, noise))
+            fits.append(bundle_adjust(observations, model, first.camera, first.poses, noise,
+                                      first.bend))
         except LightFieldError as error:
             _LOG.info('%s: %s', model, error)  # the corners do not determine this model
     if not fits or fits[-1].model != Model():
@@ -158,80 +175,96 @@ def select_model(observations: Observations, camera: NDArray[np.float64],
 
 @dataclass(frozen=True)
 class Linearization:
-    """Linearization in the camera's free parameters, with the poses eliminated (Schur complement).
+    """In what the pictures share: the camera's free parameters and the bend.
 
-    jacobian: (n, m, 4, free) of the predictions, while every pose follows the camera to its own
-        best fit by `follow` (n, 6, free). freedom: (n, 6, 6) inverse of the information on each
-        pose. residuals: (n, m, 4). All are weighted: outliers count less.
-    to_pose: (n, 6) step of each pose for a fixed camera.
+    The poses are eliminated (Schur complement).
+    jacobian: (n, m, 4, free + k) of the predictions, while every pose follows what is shared to
+        its own best fit by `follow` (n, 6, free + k). freedom: (n, 6, 6) inverse of the
+        information on each pose. residuals: (n, m, 4). All are weighted: outliers count less.
+    prior: (free + k,) information of the prior, 0: none. pull: (free + k,) its gradient.
+    to_pose: (n, 6) step of each pose where nothing else moves.
     """
 
     jacobian: NDArray[np.float64]
     follow: NDArray[np.float64]
     freedom: NDArray[np.float64]
     residuals: NDArray[np.float64]
+    prior: NDArray[np.float64]
+    pull: NDArray[np.float64]
     to_pose: NDArray[np.float64]
 
     def information(self) -> NDArray[np.float64]:
-        """(n, m, free, free) of each corner."""
+        """(n, m, free + k, free + k) of each corner."""
         return np.asarray(self.jacobian.swapaxes(-1, -2) @ self.jacobian)
 
     def gradient(self) -> NDArray[np.float64]:
-        """(n, m, free) of each corner."""
+        """(n, m, free + k) of each corner."""
         return np.asarray((self.jacobian.swapaxes(-1, -2) @ self.residuals[..., None])[..., 0])
 
     def step(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gauss-Newton steps of the free parameters (free,) and the poses (n, 6)."""
-        by_camera = np.linalg.solve(self.information().sum(axis=(0, 1)),
-                                    self.gradient().sum(axis=(0, 1)))
-        return by_camera, self.to_pose - self.follow @ by_camera
+        """Gauss-Newton steps of what is shared (free + k,) and of the poses (n, 6)."""
+        shared = np.linalg.solve(self.information().sum(axis=(0, 1)) + np.diag(self.prior),
+                                 self.gradient().sum(axis=(0, 1)) + self.pull)
+        return shared, self.to_pose - self.follow @ shared
 
 
 def linearize(observations: Observations, model: Model, camera: NDArray[np.float64],
-              poses: NDArray[np.float64], noise: float) -> Linearization:
-    """About a camera and poses; numpy's LinAlgError when a board's pose is open."""
-    of_camera, of_pose = _derivatives(observations, camera, poses)
-    residuals = _residuals(observations, camera, poses)
+              poses: NDArray[np.float64], bend: NDArray[np.float64], noise: float,
+              ) -> Linearization:
+    """About a camera, poses and a bend; numpy's LinAlgError when a board's pose is open."""
+    of_camera, of_pose, of_bend = _derivatives(observations, camera, poses, bend)
+    residuals = _residuals(observations, camera, poses, bend)
     limit = _OUTLYING * np.sqrt(noise)
     weights = np.sqrt(limit / np.maximum(np.abs(residuals), limit))
     boards, corners = residuals.shape[:2]
     left = (residuals * weights).reshape(boards, corners * 4)
-    a = ((of_camera @ model.basis) * weights[..., None]).reshape(boards, corners * 4, -1)
+    of_shared = np.concatenate([of_camera @ model.basis, of_bend], axis=-1)
+    a = (of_shared * weights[..., None]).reshape(boards, corners * 4, -1)
     p = (of_pose * weights[..., None]).reshape(boards, corners * 4, -1)
     freedom = np.linalg.inv(p.swapaxes(1, 2) @ p)
     solve = freedom @ p.swapaxes(1, 2)
     follow = solve @ a
+    none = np.zeros(model.free)
+    prior = noise * bend_information(bend)
     return Linearization((a - p @ follow).reshape(boards, corners, 4, -1), follow, freedom,
-                         left.reshape(residuals.shape), (solve @ left[..., None])[..., 0])
+                         left.reshape(residuals.shape), np.append(none, prior),
+                         np.append(none, -prior * bend), (solve @ left[..., None])[..., 0])
 
 
 def _derivatives(observations: Observations, camera: NDArray[np.float64],
-                 poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of the whitened predictions: (n, m, 4, 8) to the camera, (n, m, 4, 6) to a board's own pose.
+                 poses: NDArray[np.float64], bend: NDArray[np.float64],
+                 ) -> tuple[NDArray[np.float64], ...]:
+    """Of the whitened predictions: (n, m, 4, 8) to the camera, (n, m, 4, 6) to a board's own pose,
+    (n, m, 4, k) to the bend.
 
-    Central differences: a board's corners depend on 14 numbers only.
+    Central differences: a corner depends on 14 numbers and its own place only.
     """
+    points, sizes = observations.sheet.points(bend), np.append(_SIZES, 3 * [_PLACE])
+    of_pose, of_place = len(PARAMETERS), len(_SIZES)
+
     def difference(parameter: int) -> NDArray[np.float64]:
-        step = np.eye(len(_SIZES))[parameter] * _STEP * _SIZES
-        ahead, behind = (predict(observations.points, camera + sign * step[:len(PARAMETERS)],
-                                 poses + sign * step[len(PARAMETERS):]) for sign in (1, -1))
+        step = np.eye(len(sizes))[parameter] * _STEP * sizes
+        ahead, behind = (predict(points + sign * step[of_place:], camera + sign * step[:of_pose],
+                                 poses + sign * step[of_pose:of_place]) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * step.sum()))
 
-    columns = np.stack([difference(each) for each in range(len(_SIZES))], axis=-1)
+    columns = np.stack([difference(each) for each in range(len(sizes))], axis=-1)
     whitened = observations.whitening @ columns
-    return whitened[..., :len(PARAMETERS)], whitened[..., len(PARAMETERS):]
+    return (whitened[..., :of_pose], whitened[..., of_pose:of_place],
+            whitened[..., of_place:] @ observations.sheet.derivatives(bend))
 
 
 def _residuals(observations: Observations, camera: NDArray[np.float64],
-               poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    left = observations.values - predict(observations.points, camera, poses)
+               poses: NDArray[np.float64], bend: NDArray[np.float64]) -> NDArray[np.float64]:
+    left = observations.values - predict(observations.sheet.points(bend), camera, poses)
     return np.asarray((observations.whitening @ left[..., None])[..., 0])
 
 
-def _cost(residuals: NDArray[np.float64], noise: float) -> float:
-    """Huber's: the square up to the limit, linear beyond."""
+def _cost(residuals: NDArray[np.float64], bend: NDArray[np.float64], noise: float) -> float:
+    """Huber's: the square up to the limit, linear beyond; and the prior's."""
     size, limit = np.abs(residuals), _OUTLYING * np.sqrt(noise)
-    return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum())
+    return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum()
+                 + 2 * noise * bend_cost(bend))
 
 
 def initial_guess(observations: Observations, width: int,
@@ -312,23 +345,31 @@ class Uncertainty:
 def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Uncertainty:
     """The uncertainty of a fit.
 
-    Each resample takes one Gauss-Newton step from the fit; the poses follow the camera and are
-    eliminated, so that a resample costs a sum of small matrices. Raises numpy's LinAlgError when
-    the corners leave a parameter open.
+    Each resample takes one Gauss-Newton step from the fit; the poses follow camera and bend and
+    are eliminated, so that a resample costs a sum of small matrices. Raises numpy's LinAlgError
+    when the corners leave a parameter open.
     """
-    linear = linearize(fit.observations, fit.model, fit.camera, fit.poses, fit.noise)
+    linear = linearize(fit.observations, fit.model, fit.camera, fit.poses, fit.bend, fit.noise)
     information, gradient = linear.information(), linear.gradient()
     boards, corners = gradient.shape[:2]
-    total = information.sum(axis=(0, 1))
-    unit = 1 / np.sqrt(np.diag(total))
-    if not np.linalg.eigvalsh(total * np.outer(unit, unit))[0] > _OPEN:
+    total, free = information.sum(axis=(0, 1)) + np.diag(linear.prior), fit.model.free
+    with_bend = total[:free, free:] @ np.linalg.solve(total[free:, free:], total[free:, :free])
+    camera = total[:free, :free] - with_bend
+    unit = 1 / np.sqrt(np.diag(camera))
+    if not np.linalg.eigvalsh(camera * np.outer(unit, unit))[0] > _OPEN:
         raise np.linalg.LinAlgError
     covariance = fit.noise * np.linalg.inv(total)
 
     def spread(counts: NDArray[np.integer]) -> NDArray[np.float64]:
-        """(free,) of the steps of resamples; counts (resamples, n, m) of every corner."""
-        matrices = np.tensordot(counts, information, 2)
-        steps = np.linalg.solve(matrices, np.tensordot(counts, gradient, 2)[..., None])[..., 0]
+        """(free + k,) of the steps of resamples; counts (resamples, n, m) of every corner.
+
+        The prior is one more measurement, which is drawn from its own errors.
+        """
+        matrices = np.tensordot(counts, information, 2) + np.diag(linear.prior)
+        by_prior = linear.pull + np.sqrt(fit.noise * linear.prior) * rng.standard_normal(
+            (len(counts), len(total)))
+        slopes = np.tensordot(counts, gradient, 2) + by_prior
+        steps = np.linalg.solve(matrices, slopes[..., None])[..., 0]
         low, high = np.percentile(steps, [15.87, 84.13], axis=0)
         return np.asarray((high - low) / 2)
 

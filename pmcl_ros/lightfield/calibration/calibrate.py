@@ -77,9 +77,15 @@ class CalibrationResult:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(n, 4, 4) board to camera: from the first inner corner x along the columns, y along the
-        rows, z into the board."""
+        """(n, 4, 4) board to camera: x along the columns, y along the rows, z into the board. It
+        begins where the first inner corner is while the board is flat."""
         return pose_of(Rotation.from_rotvec(self.fit.poses[:, :3]), self.fit.poses[:, 3:])
+
+    @property
+    def board(self) -> NDArray[np.float64]:
+        """(m, 3) the board's corners as they lie [m]: paper is bent. z = 0 is the plane through
+        them."""
+        return self.fit.observations.sheet.points(self.fit.bend)
 
     @property
     def residuals(self) -> NDArray[np.float64]:
