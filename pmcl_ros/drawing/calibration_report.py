@@ -39,8 +39,8 @@ def summary(result: CalibrationResult) -> str:
         f'From {len(result.boards)} boards (pmcl calibrate): corners within '
         f'{np.sqrt(np.mean(position ** 2)):.4f} px, their disparities within '
         f'{np.sqrt(np.mean(disparity ** 2)):.4f} px per step (rms).',
-        f'Corners of the board are up to {1e3 * np.abs(result.board[:, 2]).max():.2f} mm off a '
-        'plane: paper is bent.',
+        f'The board is bent: its corners are up to {1e3 * np.abs(result.board[:, 2]).max():.2f} '
+        'mm off a plane.',
         'Standard deviations: ' + ', '.join(
             f'{name} {value:.2g}' for name, value in sigma.items() if value) + '.',
         'Bok et al.: K1 {:.4f}, K2 {:.4f} m.'.format(*bok_parameters(
