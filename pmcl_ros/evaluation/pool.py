@@ -63,10 +63,8 @@ def _one_by_one(jobs: Sequence[Job], camera: Camera | None, stopped: Callable[[]
 
 def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
                   stopped: Callable[[], bool]) -> _Outcomes:
-    # Forked from a process that has imported this module: in this one GL may have threads, which
-    # do not survive a fork.
-    context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([__name__])
+    # Spawned, not forked: GL's threads do not survive a fork.
+    context = multiprocessing.get_context('spawn')
     stop = context.Event()
     threads = max(1, (os.cpu_count() or 1) // processes)
     pool = ProcessPoolExecutor(processes, context, _start, (camera, stop, threads))
