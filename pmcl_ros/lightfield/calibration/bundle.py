@@ -157,16 +157,19 @@ def select_model(observations: Observations, camera: NDArray[np.float64],
         first = bundle_adjust(observations, Model(), first.camera, first.poses, first.noise,
                               first.bend)
     fits: list[Fit] = []
-    for model in _MODELS:  # the largest first: its residuals estimate the noise
-        noise = fits[0].noise if fits else first.noise
+    noise = first.noise
+    for model in _MODELS:
         try:
-            fits.append(bundle_adjust(observations, model, first.camera, first.poses, noise,
-                                      first.bend))
+            fit = bundle_adjust(observations, model, first.camera, first.poses, noise, first.bend)
+            if not fits:  # the largest: its residuals estimate the noise by which all count
+                noise = fit.noise
+                fit = bundle_adjust(observations, model, fit.camera, fit.poses, noise, fit.bend)
+            fits.append(fit)
         except LightFieldError as error:
             _LOG.info('%s: %s', model, error)  # the corners do not determine this model
     if not fits or fits[-1].model != Model():
         raise LightFieldError('no camera explains the corners of the boards')
-    noise, least = fits[0].noise, fits[-1].cost
+    least = fits[-1].cost
     price = np.log(4 * observations.valid.sum())
     gains = {fit.model: float((least - fit.cost) / noise
                               - price * (fit.model.free - Model().free)) for fit in fits}

@@ -169,6 +169,19 @@ def test_what_the_corners_show_is_added(change, model):
     assert (off[sure.camera == 0] == 0).all()
 
 
+@pytest.mark.parametrize('height', [0, 4e-3])
+def test_a_larger_model_loses_no_more_than_its_penalty(height):
+    """Though the smallest one, by which the fits begin, leaves larger residuals."""
+    camera = CAMERA + np.array([0, 0, 0, 0, 0, 0, -0.3, 0])
+    observations = observed(camera, seed=3, sheet=rolled(points(), height))
+    fit, gains = select_model(observations, *initial_guess(observations, 328, 328))
+    penalty = np.log(4 * fit.observations.valid.sum())
+    for model, gain in gains.items():
+        for larger in (Model(2, model.distortions), Model(model.focals, model.distortions + 1)):
+            if larger != model and larger in gains:
+                assert gains[larger] > gain - penalty - 0.1
+
+
 def test_a_few_wild_corners_do_little():
     observations = observed()
     values = observations.values.copy()
