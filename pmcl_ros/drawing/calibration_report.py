@@ -39,8 +39,8 @@ def summary(result: CalibrationResult) -> str:
         f'From {len(result.boards)} boards (pmcl calibrate): corners within '
         f'{np.sqrt(np.mean(position ** 2)):.4f} px, their disparities within '
         f'{np.sqrt(np.mean(disparity ** 2)):.4f} px per step (rms).',
-        f'The board is bent: its corners are up to {1e3 * np.abs(result.board[:, 2]).max():.2f} '
-        'mm off a plane.',
+        f'The corners of the board are up to {1e3 * np.abs(result.board[:, 2]).max():.2f} mm off '
+        'a plane.',
         'Standard deviations: ' + ', '.join(
             f'{name} {value:.2g}' for name, value in sigma.items() if value) + '.',
         'Bok et al.: K1 {:.4f}, K2 {:.4f} m.'.format(*bok_parameters(
@@ -176,7 +176,7 @@ def _draw_disparities(axes: Axes, result: CalibrationResult) -> None:
     """Disparities over depth, and the curve that baseline and focus distance make."""
     observations, calibration = result.fit.observations, result.calibration
     valid = observations.valid
-    depth = np.einsum('nj,mj->nm', result.poses[:, 2, :3], observations.points)
+    depth = np.einsum('nj,mj->nm', result.poses[:, 2, :3], result.board)
     depth = (depth + result.poses[:, 2, 3, None])[valid]
     axes.plot(depth, observations.values[valid, 2], '.', color=_DOT)
     z = np.linspace(depth.min(), depth.max(), 100)
