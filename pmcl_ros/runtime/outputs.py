@@ -42,15 +42,16 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Where to write a file: beside it, to take its name once all is written. Its folder is made.
 
     What fails, as the disk is full, leaves nothing new, and what was there as it was. A device or
-    a pipe, as /dev/stdout, is written itself, as is a file in a folder that may not be changed.
-    Raises as `writing`.
+    a pipe is written itself, as is what has a name in /dev, such as /dev/stdout, wherever that
+    goes, and a file in a folder that may not be changed. Raises as `writing`.
     """
     given = Path(path)
     whole = Path(os.path.realpath(path))  # a link stays one
     part = whole.with_name(f'{whole.name}.{os.getpid()}.part')
     with writing(path):
         given.parent.mkdir(parents=True, exist_ok=True)
-        if given.exists() and not (given.is_file() and os.access(whole.parent, os.W_OK)):
+        if given.exists() and not (given.is_file() and os.access(whole.parent, os.W_OK)
+                                   and given.parts[:2] != ('/', 'dev')):
             yield given  # by its own name: a pipe may have no other
             return
         if whole.exists():

@@ -180,6 +180,11 @@ def test_a_device_is_written_itself(tmp_path):
     assert os.read(ends[0], 10) == b'text'
     for each in ends:
         os.close(each)
+    with (tmp_path / 'log').open('w') as log:  # as of `-o /dev/stdout > log`
+        write_file(f'/dev/fd/{log.fileno()}', 'text')
+        log.seek(4)
+        log.write(' and more')
+    assert (tmp_path / 'log').read_text() == 'text and more'
 
 
 @pytest.mark.parametrize('there', ['folder', 'link'])
