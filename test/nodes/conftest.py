@@ -1,5 +1,6 @@
 """The user that talks to nodes, and captures at every stage of the chain."""
 
+import gc
 import json
 
 import numpy as np
@@ -57,6 +58,10 @@ def user():
     user = User()
     yield user
     user.close()
+    # A participant of a node in this process ends once nothing refers to it. Until then it holds
+    # the ports of those that were here, which the next ones take over, with their dead listeners:
+    # to a process that a test starts such a port is broken, and nobody hears it.
+    gc.collect()
 
 
 @pytest.fixture(scope='session')
