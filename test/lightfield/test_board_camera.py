@@ -1,6 +1,7 @@
 """A camera's pose by a board: of large pictures, of one seen through glass."""
 
 import re
+from functools import partial
 
 import cv2
 import numpy as np
@@ -96,16 +97,24 @@ def test_pictures_from_several_sides_tell_how_the_paper_is_bent():
 
 
 def test_a_sheet_that_is_bent_far_otherwise_is_seen_at_once():
+    def bend(places, across):
+        return -0.015 * np.square((places - middle[:2]) @ across / 0.12)
+
+    def unrolled(places, across):
+        """Lengths along a parabola."""
+        steep, along = 2 * 0.015 / 0.12 ** 2, (places - middle[:2]) @ across
+        length = (along * np.sqrt(1 + (steep * along) ** 2) + np.arcsinh(steep * along) / steep)
+        return places + np.outer(length / 2 - along, across)
+
     pinhole, middle = Pinhole(640, 480, 600, 600, 322, 238), BOARD.points.mean(axis=0)
     camera = BoardCamera(BOARD)
     for azimuth, side in [(20, 0.6), (80, 0.6), (140, 0.6), (200, 0.6), (47, -0.6)]:
         turn = (Rotation.from_euler('x', 40, degrees=True)
                 * Rotation.from_euler('z', azimuth, degrees=True))
         pose = pose_of(turn, [0, 0, 0.5] - turn.apply(middle))
-        picture = picture_of_sheet(
-            BOARD, pose, pinhole,
-            lambda places, side=side: -0.015 * np.square((places - middle[:2]) @ [0.8, side]
-                                                         / 0.12))
+        across = np.array([0.8, side])
+        picture = picture_of_sheet(BOARD, pose, pinhole, partial(bend, across=across),
+                                   partial(unrolled, across=across))
         found = camera.find(picture, Lens(pinhole), 'the image')
         moved = (found.at.camera @ pose)[:3]
         above = np.append(middle - [0, 0, 0.06], 1)

@@ -59,8 +59,11 @@ def picture_of_board(board, pose, pinhole):
     return painted(np.full((pinhole.height, pinhole.width), 128, np.uint8), board, pose, pinhole)
 
 
-def picture_of_sheet(board, pose, pinhole, height):
-    """The same of a sheet that is bent: height gives z at places (n, 2) on the board [m]."""
+def picture_of_sheet(board, pose, pinhole, height, unrolled=lambda places: places):
+    """The same of a sheet that is bent: height gives z at places (n, 2) on the board [m].
+
+    unrolled: where these places are while it is flat, as paper does not stretch.
+    """
     per_metre = _SIZE / board.square
     drawn = pinhole.resized(2 * pinhole.width, 2 * pinhole.height)
     camera = np.linalg.inv(pose)[:3]
@@ -71,6 +74,7 @@ def picture_of_sheet(board, pose, pinhole, height):
     for _ in range(6):  # until the ray is at the height of the sheet below it
         places = camera[:2, 3] + rays[:, :2] * ((z - camera[2, 3]) / rays[:, 2])[:, None]
         z = height(places.clip(2 * low - high, 2 * high - low))
+    places = unrolled(places)
     on = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ on_page(board).T
     x, y = (per_metre * on[:, :2].T - 0.5).astype(np.float32).reshape(2, *pixels.shape[:2])
     flat = 40 + 180 / 255 * page(board, per_metre / 1e3).astype(np.float32)
