@@ -1,6 +1,6 @@
 """The camera matrix and distortion of an ordinary camera, from pictures of a board."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -67,13 +67,13 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
             break
         left_out.append([*kept][worst])
         kept, flat, pixels = others, camera, without
+    if not pixels.max() < _NO_BOARD * width:  # nor does a bend
+        raise _not_fitting([*kept], pixels)
     found = _fitted(kept, board, flat, width, height)
-    zooms = None
-    if min(pixels.max(), found.pixels.max()) < _NO_BOARD * width:
-        # A bend may yield to zooms, where there are two, or be there beside them.
-        is_bent = np.square(found.pixels).mean() < _HALVED * np.square(pixels).mean()
-        zooms = None if is_bent else two_zooms(kept, board, flat)
-        zooms = zooms or two_zooms(kept, found.board, found.camera)
+    # A bend may yield to zooms, where there are two, or be there beside them.
+    is_bent = np.square(found.pixels).mean() < _HALVED * np.square(pixels).mean()
+    zooms = None if is_bent else two_zooms(kept, board, flat)
+    zooms = zooms or two_zooms(kept, found.board, found.camera)
     if zooms is not None:
         fewer = min(zooms.names, key=len)
         if len(fewer) > min(_FEW * len(kept), len(kept) - FEWEST):
@@ -89,12 +89,15 @@ def fit_intrinsics(pictures: Mapping[str, NDArray[np.float64]], board: NDArray[n
     return replace(found, left_out=tuple(left_out))
 
 
+def _not_fitting(names: Sequence[str], pixels: NDArray[np.float64]) -> LightFieldError:
+    worst = int(pixels.argmax())
+    return LightFieldError(f'{names[worst]}: the corners are {pixels[worst]:.1f} px off: are all '
+                           'pictures of one camera, with the same zoom and focus?')
+
+
 def _check(found: Intrinsics) -> None:
-    worst = int(found.pixels.argmax())
-    if not found.pixels[worst] < _MOST_PIXELS:
-        raise LightFieldError(
-            f'{found.names[worst]}: the corners are {found.pixels[worst]:.1f} px off: are all '
-            'pictures of one camera, with the same zoom and focus?')
+    if not found.pixels.max() < _MOST_PIXELS:
+        raise _not_fitting(found.names, found.pixels)
     unsure = float(found.sigma[0] / found.pinhole.fx)
     if not unsure < LARGEST_ERROR:
         raise LightFieldError(

@@ -20,6 +20,8 @@ from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import as_it_lies
 from pmcl_ros.runtime.errors import LightFieldError
 
+HAS_DETECTOR = hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector')
+needs_detector = pytest.mark.skipif(not HAS_DETECTOR, reason='OpenCV before 4.7')
 BOARD = Checkerboard(10, 7, 0.025)
 MIDDLE = BOARD.points.mean(axis=0)
 PINHOLE = Pinhole(1280, 960, 1200, 1200, 645, 475)
@@ -235,8 +237,7 @@ def test_two_zooms_half_and_half_are_named_beside_a_sheet_that_is_bent(height, z
                         r'about 1[23]\d\d px: was the zoom', str(caught.value)), caught.value
 
 
-@pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
-                    reason='OpenCV before 4.7')
+@needs_detector
 @pytest.mark.parametrize('shift', [0, 1.5, 4])
 def test_a_ring_may_be_curled_along_a_side(shift):
     """Most of its corners, of two sides, are then on one plane; those behind glass are not."""
@@ -260,6 +261,7 @@ def test_a_ring_may_be_curled_along_a_side(shift):
         assert len(found.pictures) == 3
 
 
+@needs_detector
 @pytest.mark.parametrize('along', [0, 1])
 def test_a_single_picture_of_a_ring_that_is_curled_along_a_side_tells_so(along):
     """Behind nothing: all of its corners are those of a bend."""
@@ -294,9 +296,13 @@ def test_in_pictures():
     assert found.points[:, 2] == pytest.approx(sheet(up)[:, 2], abs=0.15e-3)
 
 
+STRAIGHT = {'board': BOARD}
+if HAS_DETECTOR:
+    STRAIGHT |= {'ring': CharucoRing(8, 11, 0.024), 'square': CharucoRing(9, 9, 0.02)}
+
+
 @pytest.mark.parametrize('count', [1, 3])
-@pytest.mark.parametrize('board', [BOARD, CharucoRing(8, 11, 0.024), CharucoRing(9, 9, 0.02)],
-                         ids=['board', 'ring', 'square'])
+@pytest.mark.parametrize('board', STRAIGHT.values(), ids=STRAIGHT)
 def test_exact_corners_of_boards_that_are_straight_before_the_camera_tell_a_flat_sheet(board,
                                                                                       count):
     """As of a simulation without noise, whose camera looks down at the middle of the board."""
