@@ -101,7 +101,7 @@ def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: 
     """
     # Here: they import large parts of scipy, which the decode by a calibration does not need.
     from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
-    from pmcl_ros.lightfield.calibration.light_from_picture import light_from_picture
+    from pmcl_ros.lightfield.light_from_picture import light_from_picture
     fit = lattice_from_picture(frame) if white is None else fit_lattice(white)
     _LOG.info('lattice from the %s: %s', 'picture itself' if white is None else 'white image',
               fit.lattice)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from lattice_frames import discs, frame_of, make_lattice, mosaic, offsets, pixels, texture
 
-from pmcl_ros.lightfield.calibration.light_from_picture import light_from_picture
+from pmcl_ros.lightfield.light_from_picture import light_from_picture
 from pmcl_ros.lightfield.white_image import relative_light
 from pmcl_ros.runtime.errors import LightFieldError
 
