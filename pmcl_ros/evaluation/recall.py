@@ -65,11 +65,18 @@ def found(trials: Sequence[Trial], name: str) -> NDArray[np.float64]:
 
 def within(trials: Sequence[Trial], mm: float, degrees: float) -> float:
     """The share found within both bounds; flips are errors."""
-    return share(_within(trials, mm, degrees))
+    return share(within_bounds(trials, mm, degrees))
 
 
-def _within(trials: Sequence[Trial], mm: float, degrees: float) -> NDArray[np.bool_]:
-    return (found(trials, 'translation_mm') < mm) & (found(trials, 'axis_deg') < degrees)
+def within_bounds(trials: Sequence[Trial], mm: float, degrees: float, claimed: bool = True
+                  ) -> NDArray[np.bool_]:
+    """(n,) of each trial with something to find, whether its pose is within both bounds.
+
+    claimed: only if it is not reported as lost, too.
+    """
+    there = present(trials)
+    near = (values(there, 'translation_mm') < mm) & (values(there, 'axis_deg') < degrees)
+    return near & (values(there, 'lost') == 0) if claimed else near
 
 
 def success(trials: Sequence[Trial], mm: float, dots: ArrayLike, forgiving: bool
@@ -121,5 +128,5 @@ def coverage(trials: Sequence[Trial], level: float) -> float:
 
 def in_time(trials: Sequence[Trial], seconds: ArrayLike) -> NDArray[np.float64]:
     """(k,) the share found within the second of `BOUNDS`, `seconds` (k,) after the evidence."""
-    taken = np.where(_within(trials, *BOUNDS[1]), values(present(trials), 'seconds'), np.inf)
+    taken = np.where(within_bounds(trials, *BOUNDS[1]), values(present(trials), 'seconds'), np.inf)
     return cumulative(taken, seconds)

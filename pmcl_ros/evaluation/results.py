@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pmcl_ros.evaluation.recall import (
     BOUNDS,
@@ -13,11 +13,13 @@ from pmcl_ros.evaluation.recall import (
     coverage,
     cumulative,
     found,
+    levels,
     median,
     present,
     share,
+    share_with_interval,
     values,
-    within,
+    within_bounds,
 )
 from pmcl_ros.evaluation.trials import Trial
 
@@ -28,8 +30,8 @@ _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotati
          'something to find. In recalls a lost object counts as not found, and a flipped one as '
          'wrong. `expected`: the median of the error by the covariances, `bound`: of '
          'its Cramér-Rao bound by the evidence and the stated errors of camera poses. `of 90 %`: '
-         'how many of the 90 % credible regions of claimed poses hold the truth; `of 50 %` '
-         'likewise. '
+         'how many of the 90 % credible regions of claimed poses hold the truth. '
+         'Rates: count, and 95 % interval (Wilson). '
          '`evaluations`: poses drawn and scored, the median.')
 SCENES = ((False, 'no film'), (True, 'behind a film'))
 _CLEARLY = 15.0  # nat
@@ -46,14 +48,17 @@ def by_row(trials: Trials) -> dict[str, list[Trial]]:
 def markdown(trials: Trials) -> str:
     """All tables: by capture; by row; by row and kind of scene; of MSSD."""
     tables = [captures_table(trials)]
+    tables += ['Rates:', rates_table(trials)]
     if present(trials):
-        tables += ['Found within the bounds:', recall_table(trials),
+        tables += ['Errors:', errors_table(trials),
                    'By kind of scene (mean ± standard deviation, as in the paper):',
                    scenes_table(present(trials)),
                    'Surface within so many millimetres (MSSD):', ladder_table(trials)]
         if not np.isnan(values(present(trials), 'evidence_truth')).all():
             tables += ['Misses, by the evidence of the true pose and of the pose found:',
                        misses_table(present(trials))]
+        if missed := [each for each in present(trials) if not each.found]:
+            tables += ['What was not found:', missed_table(missed)]
     return '\n\n'.join([*tables, _NOTE])
 
 
@@ -79,7 +84,27 @@ def captures_table(trials: Trials) -> str:
     return table(heads, lines)
 
 
-def recall_table(trials: Trials) -> str:
+def rates_table(trials: Trials) -> str:
+    """A line for each rate, with count and 95 % interval; a column for each row of trials."""
+    rows = [*by_row(trials).values()]
+    rates: dict[str, Sequence[ArrayLike]] = {}
+    for mm, degrees in BOUNDS:
+        for words, claimed in (('claimed, ', True), ('', False)):
+            rates[f'{words}within {mm / 10:g} cm, {degrees:g}°'] = [
+                within_bounds(each, mm, degrees, claimed) for each in rows]
+    rates['claimed, not right'] = [[not e.lost and not e.near for e in present(each)]
+                                   for each in rows]
+    for level in (0.9, 0.5):
+        rates[f'claimed, truth in the {100 * level:.0f} % region'] = [
+            levels(each) <= level for each in rows]
+    rates['lost, nothing there'] = [[e.lost for e in each if e.empty] for each in rows]
+    rates['lost, another object'] = [[e.lost for e in each if e.wrong] for each in rows]
+    return table(['rate', *by_row(trials)], [
+        [words, *(share_with_interval(flags) if np.size(flags) else '' for flags in each)]
+        for words, each in rates.items() if any(map(np.size, each))])
+
+
+def errors_table(trials: Trials) -> str:
     """A line for each row."""
     bounded = bool(np.isfinite(values(present(trials), 'bound_mm')).any())  # of several views
 
@@ -88,23 +113,19 @@ def recall_table(trials: Trials) -> str:
         bound = [each for each in there if np.isfinite(each.bound_mm)]
         mssd, mspd = average_recall(rows)
         return [
-            str(len(there)), *(percent(within(rows, *bound)) for bound in BOUNDS),
+            str(len(there)),
             number(median(there, 'translation_mm'), ' mm'),
             number(median(there, 'told_mm'), ' mm'),
             *([number(median(bound, 'bound_mm'), ' mm')] if bounded else []),
             number(median(there, 'axis_deg'), '°'),
             percent(share([e.flipped for e in there])), percent(add_s_recall(rows)),
-            percent(mssd), percent(mspd), percent(coverage(rows, 0.9)),
-            percent(coverage(rows, 0.5)), percent(share([e.lost for e in there])),
-            percent(share([e.lost for e in rows if e.empty])),
-            percent(share([e.lost for e in rows if e.wrong])),
+            percent(mssd), percent(mspd), percent(share([e.lost for e in there])),
             number(median(there, 'evaluations'), '', 0), number(median(there, 'seconds'), ' s', 2)]
 
     return _row_table(trials, [
-        'trials', *(f'{mm / 10:g} cm, {degrees:g}°' for mm, degrees in BOUNDS), 'median error',
-        'expected', *(['bound'] if bounded else []), 'median axis error', 'flipped',
-        'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'of 90 %', 'of 50 %', 'lost',
-        'lost, nothing there', 'lost, another object', 'evaluations', 'median time'], cells)
+        'trials', 'median error', 'expected', *(['bound'] if bounded else []),
+        'median axis error', 'flipped', 'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'lost',
+        'evaluations', 'median time'], cells)
 
 
 def scenes_table(trials: Trials) -> str:
@@ -149,6 +170,25 @@ def misses_table(trials: Trials) -> str:
     return _row_table(trials, [
         'trials', 'misses', 'search', 'evidence', 'claimed',
         f'truth at most {_CLEARLY:g} nat below', f'truth over {_CLEARLY:g} nat above'], cells)
+
+
+def missed_table(trials: Trials) -> str:
+    """A line for each of these trials: what was found there, and by which evidence."""
+    heads = ['capture', 'mode', 'seed', 'reported', 'error', 'axis error', 'evidence found [nat]',
+             'at the truth', 'at fault']
+
+    def fault(each: Trial) -> str:
+        if each.near:
+            return 'claim'
+        if np.isnan(each.evidence_truth):
+            return ''
+        return 'search' if each.evidence_truth > each.evidence_found else 'evidence'
+
+    return table(heads, [[
+        each.capture, each.mode, str(each.seed), 'lost' if each.lost else 'claimed',
+        number(each.translation_mm, ' mm'), number(each.axis_deg, '°'),
+        number(each.evidence_found, '', 0), number(each.evidence_truth, '', 0), fault(each)]
+        for each in trials])
 
 
 def _row_table(trials: Trials, heads: Sequence[str], cells: Callable[[Trials], list[str]]

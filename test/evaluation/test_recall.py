@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation import recall
 from pmcl_ros.evaluation.result_charts import pictures
-from pmcl_ros.evaluation.results import markdown, misses_table
+from pmcl_ros.evaluation.results import markdown, misses_table, rates_table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.symmetry import Symmetry
@@ -36,6 +36,33 @@ def test_within_counts_both_bounds_and_lost_ones_as_not_found():
               trial(4, 178), EMPTY, WRONG]
     assert [recall.within(trials, *bound) for bound in recall.BOUNDS] == [4 / 6, 3 / 6, 1 / 6]
     assert np.isnan(recall.within([EMPTY], 10, 10))
+
+
+def test_rates_count_what_is_claimed_and_what_is_right():
+    trials = [trial(4, 4, credible_level=0.7), trial(8, 4, credible_level=0.3),
+              trial(15, 9, credible_level=0.95), trial(4, 4, lost=True), trial(60, 4, lost=True),
+              trial(4, 178, credible_level=1.0), EMPTY, WRONG]
+    other = [replace(each, mode='edges') for each in trials if each.present]
+    rates = {name: cells for name, *cells in (
+        each.strip('| ').split(' | ') for each in rates_table([*trials, *other]).splitlines()[2:])}
+    assert {name: [each[:each.index(';')] for each in cells] for name, cells in rates.items()
+            if 'lost' not in name} == {
+        'claimed, within 2 cm, 10°': 2 * ['50 % (3 of 6'],
+        'within 2 cm, 10°': 2 * ['67 % (4 of 6'],
+        'claimed, within 1 cm, 10°': 2 * ['33 % (2 of 6'],
+        'within 1 cm, 10°': 2 * ['50 % (3 of 6'],
+        'claimed, within 0.5 cm, 5°': 2 * ['17 % (1 of 6'],
+        'within 0.5 cm, 5°': 2 * ['33 % (2 of 6'],
+        'claimed, not right': 2 * ['17 % (1 of 6'],
+        'claimed, truth in the 90 % region': 2 * ['50 % (2 of 4'],
+        'claimed, truth in the 50 % region': 2 * ['25 % (1 of 4']}
+    assert rates['within 2 cm, 10°'][0] == recall.share_with_interval(4 * [True] + 2 * [False])
+    # Of what a row has no trials, nothing is said.
+    assert rates['lost, nothing there'][0].startswith('100 % (1 of 1;')
+    assert rates['lost, another object'][0].startswith('0 % (0 of 1;')
+    assert len(rates['lost, nothing there']) == 1
+    assert 'nan' not in rates_table([EMPTY, *other])
+    assert rates_table([*trials, *other]) in markdown([*trials, *other])
 
 
 def test_the_interval_of_a_share_is_wilsons():
@@ -125,6 +152,18 @@ def test_a_miss_is_of_the_search_where_the_truth_has_more_evidence():
               trial(50, evidence_found=100.0, evidence_truth=20.0, lost=True)]
     assert '| default | 4 | 3 | 2 | 1 | 1 | 75 % | 25 % |' in misses_table(trials)
     assert misses_table(trials) in markdown(trials)
+    # Each has a line, also where the claim alone was missed.
+    right = trial(1, 2, evidence_found=100.0, evidence_truth=110.0, lost=True, seed=7)
+    lines = markdown([*trials, right]).splitlines()
+    heads = ['capture', 'mode', 'seed', 'reported', 'error', 'axis error', 'evidence found [nat]',
+             'at the truth', 'at fault']
+    first = lines.index(f'| {" | ".join(heads)} |') + 2
+    assert lines[first:first + 4] == [
+        '| a | default | 0 | claimed | 50.0 mm | 1.0° | 100 | 120 | search |',
+        '| a | default | 0 | lost | 50.0 mm | 1.0° | 100 | 101 | search |',
+        '| a | default | 0 | lost | 50.0 mm | 1.0° | 100 | 20 | evidence |',
+        '| a | default | 7 | lost | 1.0 mm | 2.0° | 100 | 110 | claim |']
+    assert not lines[first + 4]
     # Of a mode without evidence, nothing is said of it.
     without = [replace(each, mode='faithful', evidence_truth=np.nan) for each in trials]
     assert '| faithful | 4 | 3 |  |  | 1 |  |  |' in misses_table([*trials, *without])
