@@ -23,6 +23,7 @@ from pmcl_ros.cli.cameras.board_pictures import (
     check_one,
     lying,
 )
+from pmcl_ros.evaluation.studies.hand_eye_errors import hand_eye_errors
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
@@ -32,11 +33,9 @@ from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
-from pmcl_ros.simulation.simulated_arm import simulated_arm
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
 _SQUARE = 0.011  # m: of a checkerboard, by default
-_INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
 @click.command('handeye')
@@ -309,21 +308,11 @@ def _residuals(name: str, pixels: float, motion: NDArray[np.float64]) -> str:
 
 def _simulate(arms: int, fixed: bool) -> None:
     """Print the errors over simulated arms, beside their bound."""
-    errors: dict[str, list[NDArray[np.float64]]] = {'fitted': [], 'closed form': []}
-    bounds, inside = [], 0
-    for seed in track(range(arms), console=STDERR, description='arms', transient=True):
-        arm = simulated_arm(np.random.default_rng(seed), fixed_camera=fixed)
-        found = hand_eye(arm.pictures, arm.board, arm.pinhole, None, fixed)
-        off = local(arm.camera[None], found.camera)[0]
-        for name, pose in (('fitted', found.camera), ('closed form', found.closed_form)):
-            errors[name].append(local(arm.camera[None], pose)[0])
-        bound = hand_eye(arm.pictures, arm.board, arm.pinhole, arm.sigma, fixed).covariance
-        bounds.append(np.random.default_rng(seed).multivariate_normal(np.zeros(6), bound, 50))
-        inside += bool(off @ np.linalg.solve(found.covariance, off) < _INSIDE)
-    rows = {name: np.array(each) for name, each in errors.items()}
-    rows['Cramer-Rao bound'] = np.concatenate(bounds)
-    for name, each in rows.items():
+    found = [hand_eye_errors(seed, fixed) for seed in track(
+        range(arms), console=STDERR, description='arms', transient=True)]
+    for name in found[0].errors:
+        errors = np.concatenate([each.errors[name] for each in found])
         shift, turn = (np.median(np.linalg.norm(part, axis=1)) for part in (
-            each[:, :3], each[:, 3:]))
+            errors[:, :3], errors[:, 3:]))
         click.echo(f'{name}: median {1e3 * shift:.3f} mm, {np.rad2deg(turn):.4f} degrees')
-    click.echo(f'truth in the 90 % region: {inside} of {arms}')
+    click.echo(f'truth in the 90 % region: {sum(each.inside for each in found)} of {arms}')

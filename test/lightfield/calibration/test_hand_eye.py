@@ -94,6 +94,20 @@ def test_the_closed_form_is_opencv_s():
     np.testing.assert_allclose(found[:3, 3], place.ravel(), atol=1e-6)
 
 
+@pytest.mark.parametrize('more', [[], ['--fixed-camera']], ids=['on the arm', 'beside it'])
+def test_errors_of_opencv_s_methods_stand_beside_those_of_the_fit(more):
+    """Where OpenCV has them. Its method of Park and Martin is the closed form."""
+    told = CliRunner().invoke(main, ['handeye', '--simulate', '2', *more])
+    assert told.exit_code == 0, told.output
+    medians = {name: np.array([mm, degrees], float) for name, mm, degrees in re.findall(
+        r'^(.+): median (\S+) mm, (\S+) degrees$', told.output, re.MULTILINE)}
+    of_opencv = [each for each in medians if each.startswith('OpenCV')]
+    assert len(of_opencv) == (5 if hasattr(cv2, 'calibrateHandEye') else 0)
+    assert [*medians] == ['fitted', 'closed form', *of_opencv, 'Cramer-Rao bound']
+    if of_opencv:
+        np.testing.assert_allclose(medians['OpenCV, Park'], medians['closed form'], atol=2e-3)
+
+
 @pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
 def test_a_picture_that_does_not_fit_is_named_and_left_out(fixed):
     arm = simulated_arm(np.random.default_rng(6), fixed_camera=fixed)
