@@ -18,6 +18,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
+from pmcl_ros.geometry.student_t import median_length
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -42,9 +43,10 @@ class Trial:
     capture: the picture or scene. mode: the row's name. sought: the capture whose object was
     looked for.
     empty: no object is there. wrong: it is another one, so that all errors are NaN, as with empty.
-    translation_mm; told_mm: root mean square of it by the covariance; bound_mm: by the Cramér-Rao
-    bound, of several views; ray_mm: signed along the line of sight, positive: too far. axis_deg:
-    of the symmetry axis where there is one, else of the whole rotation; dot: its cosine (paper).
+    translation_mm; told_mm: the median of it that the estimate lets expect, by its covariance and
+    tails; bound_mm: the median by the Cramér-Rao bound of several views, a Gaussian; ray_mm:
+    signed along the line of sight, positive: too far. axis_deg: of the symmetry axis where there
+    is one, else of the whole rotation; dot: its cosine (paper).
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
@@ -103,9 +105,12 @@ class Trial:
             error = pose_error(estimate.pose, truth, model.symmetry)
             level = model.symmetry.credible_level(truth, estimate.pose, estimate.covariance,
                                                   estimate.degrees_of_freedom)
+            dimensions = model.symmetry.tangent_basis(estimate.pose).shape[1]
+            expected = median_length(estimate.covariance[:3, :3], dimensions,
+                                     estimate.degrees_of_freedom)
             fields |= {
                 'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
-                'told_mm': 1e3 * math.sqrt(np.trace(estimate.covariance[:3, :3])),
+                'told_mm': 1e3 * expected,
                 'axis_deg': float(np.rad2deg(error.rotation)), 'dot': error.dot,
                 'flipped': error.flipped, 'credible_level': level, 'inside_90': level <= 0.9}
         return cls(**fields, **others)
@@ -241,8 +246,7 @@ def _by_evidence(localizer: AnyLocalizer[PoseEstimate], evidence: Evidence,
         return {}
     fields = dict(zip(('evidence_found', 'evidence_truth'), both.tolist(), strict=True))
     if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
-        bound = localizer.bound(evidence, truth)[:3, :3]
-        fields['bound_mm'] = 1e3 * math.sqrt(np.trace(bound))
+        fields['bound_mm'] = 1e3 * median_length(localizer.bound(evidence, truth)[:3, :3])
     return fields
 
 

@@ -4,10 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, kstest, multivariate_t
+from scipy.stats import chi2, kstest, multivariate_t, norm
 
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.geometry.student_t import COMMON, credible_level, shape_scale, tail_factors
+from pmcl_ros.geometry.student_t import (
+    COMMON,
+    credible_level,
+    median_length,
+    shape_scale,
+    tail_factors,
+)
 from pmcl_ros.geometry.symmetry import Symmetry
 
 
@@ -46,3 +52,27 @@ def test_the_level_of_a_pose_has_the_tails():
     off = retract(np.eye(4), 0.5 * sigma[None])[0]
     level = Symmetry(None).credible_level(off, np.eye(4), np.diag(sigma ** 2), 4.0)
     assert level == pytest.approx(float(credible_level(6 * 0.25, 6, 4.0)), rel=1e-3)
+
+
+@pytest.mark.parametrize(('variances', 'expected'), [
+    ([4, 4, 4], 2 * np.sqrt(chi2.ppf(0.5, 3))), ([4, 4, 0], 2 * np.sqrt(chi2.ppf(0.5, 2))),
+    ([4, 0, 0], 2 * norm.ppf(0.75)), ([0, 0, 0], 0)])
+def test_the_median_length_of_a_gaussian_however_it_lies(variances, expected):
+    for seed in range(3):
+        turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+        found = median_length(turn @ np.diag(variances) @ turn.T)
+        assert found == pytest.approx(expected, rel=0.005)
+    assert math.isnan(median_length(np.full((3, 3), math.nan)))
+
+
+@pytest.mark.parametrize('dimensions', [5, 6])
+def test_the_median_length_of_a_part_of_a_students_t(dimensions):
+    covariance = np.diag([1.0, 4, 36, 9, 2, 1][:dimensions])
+    draws = multivariate_t(np.zeros(dimensions), shape_scale(dimensions, 4.0) * covariance, 4.0,
+                           seed=0).rvs(100_000)
+    expected = np.median(np.linalg.norm(draws[:, :3], axis=1))
+    found = median_length(covariance[:3, :3], dimensions, 4.0)
+    assert found == pytest.approx(expected, rel=0.01)
+    assert found < 0.8 * median_length(covariance[:3, :3])
+    assert median_length(covariance[:3, :3], dimensions, 1e7) == pytest.approx(
+        median_length(covariance[:3, :3]), rel=0.001)
