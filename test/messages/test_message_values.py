@@ -5,6 +5,7 @@ import subprocess
 import sys
 from array import array
 from dataclasses import replace
+from time import process_time
 
 import numpy as np
 import pytest
@@ -20,7 +21,6 @@ from visualization_msgs.msg import Marker
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import CameraPose, DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.bench.timing import best_ms
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.learned import learned_map_evidence
@@ -318,8 +318,13 @@ def test_full_size_volume_is_fast_to_write_and_read(rng):
     volume_to_message(volume, buffer)
     ways = {'copied': lambda: np.copyto(copied, values),
             'converted': lambda: volume_from(volume_to_message(volume, buffer))}
-    ms = {name: best_ms(way, 5) for name, way in ways.items()}
-    assert ms['converted'] < 20 * ms['copied']  # element by element it takes 100 times as long
+    took = dict.fromkeys(ways, np.inf)
+    for _ in range(5):
+        for name, way in ways.items():
+            started = process_time()  # of the processor: other programs have no part in it
+            way()
+            took[name] = min(took[name], process_time() - started)
+    assert took['converted'] < 20 * took['copied']  # element by element it is 100 times as much
 
 
 # images refused
