@@ -36,6 +36,8 @@ from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
 _SQUARE = 0.011  # m: of a checkerboard, by default
+_FIXED, _GRASPS = '/**/fixed_cameras', '/**/grasp_node'  # in any namespace
+_INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
 @click.command('handeye')
@@ -59,7 +61,8 @@ _SQUARE = 0.011  # m: of a checkerboard, by default
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write a parameter file for sweep_driver and grasp_node: mount_parent, '
               'mount_position and mount_rpy, and the errors of the camera poses, with the '
-              'covariance in a comment; of several fixed cameras one for fixed_cameras.')
+              'covariance in a comment; of fixed cameras one for fixed_cameras, and of a single '
+              'one for grasp_node too.')
 @FORCE
 def handeye(source: Path | None, corners: str, ring: str | None, square: float | None,
             fixed_camera: bool, no_robot: bool, parent: str, shrink: int, simulate: int | None,
@@ -94,31 +97,41 @@ def handeye(source: Path | None, corners: str, ring: str | None, square: float |
                      _SQUARE if square is None else square)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest may take a minute
-    of_arm, comment = {}, ''
+    sections, comment = {}, ''
     if no_robot:
-        values = _at_board(source, board, shrink)
+        sections[_FIXED] = _at_board(source, board, shrink)
     elif fixed_camera and len(cameras := each_camera(source)) > 1:
-        values = _beside_arm(cameras, board, shrink)
+        sections[_FIXED] = _beside_arm(cameras, board, shrink)
     else:
         found = calibrated(source, board, fixed_camera, shrink)
         _print(found, fixed_camera, parent)
-        six = _six(found.camera)
-        values = {} if fixed_camera else {'mount_parent': parent}
-        values |= {'mount_position': six[:3], 'mount_rpy': six[3:]}
-        of_arm = {'/**/grasp_node': deepcopy(values)}  # copied: ROS reads no aliases of YAML
-        if not fixed_camera:
-            errors = camera_errors(found)
-            values |= errors
-            click.echo("errors of the camera's poses on each axis: "
-                       f'{1e3 * errors["sigma_position"]:.2f} mm, '
-                       f'{np.rad2deg(errors["sigma_rotation"]):.3f} degrees; '
-                       f'{100 * errors["common"]:.0f} % of their variance is in common')
+        sections = _beside(next(iter(cameras)), found) if fixed_camera else _carried(parent, found)
         comment = f'# covariance: {[float(f"{x:.3g}") for x in found.covariance.ravel()]}\n'
     if out is not None:
-        sections = {'/**/sweep_driver' if of_arm else '/**/fixed_cameras': values} | of_arm
         write_file(out, f'# pmcl handeye {source}\n' + yaml.safe_dump(
             {node: {'ros__parameters': each} for node, each in sections.items()},
             default_flow_style=None, sort_keys=False) + comment)
+
+
+def _carried(parent: str, found: HandEye) -> dict[str, dict[str, object]]:
+    """Parameters of the nodes that use a camera on the arm; errors of its poses are printed."""
+    mount = {'mount_parent': parent} | _mount(found)
+    errors = camera_errors(found)
+    click.echo("errors of the camera's poses on each axis: "
+               f'{1e3 * errors["sigma_position"]:.2f} mm, '
+               f'{np.rad2deg(errors["sigma_rotation"]):.3f} degrees; '
+               f'{100 * errors["common"]:.0f} % of their variance is in common')
+    # Copied, as ROS reads no aliases of YAML.
+    return {'/**/sweep_driver': mount | errors, _GRASPS: deepcopy(mount)}
+
+
+def _beside(camera: str, found: HandEye) -> dict[str, dict[str, object]]:
+    """Parameters of the nodes that use one camera at rest; sweep_driver takes moved ones.
+
+    camera: its name; empty: of light fields, which fixed_cameras does not take.
+    """
+    of_views = {_FIXED: _mounts({camera: found})} if camera else {}
+    return of_views | {_GRASPS: {'arm': 'fixed', **_mount(found)}}
 
 
 def camera_errors(found: HandEye) -> dict[str, float]:
@@ -176,6 +189,12 @@ def _mounts(found: Mapping[str, HandEye | CameraAtBoard]) -> dict[str, object]:
               'sigma_rotation': float(sigmas[:, 3:].max())}
     FixedCameraSettings.make(values, 'parameters of fixed_cameras')
     return values
+
+
+def _mount(found: HandEye) -> dict[str, object]:
+    """Where the camera is, as parameters of sweep_driver and grasp_node."""
+    six = _six(found.camera)
+    return {'mount_position': six[:3], 'mount_rpy': six[3:]}
 
 
 def _six(pose: NDArray[np.float64]) -> list[float]:

@@ -11,11 +11,12 @@ from click.testing import CliRunner
 from painted_boards import picture_of_board
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from test_hand_eye import BOARD
+from test_hand_eye import BOARD, read_by
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, transform
+from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
@@ -240,33 +241,78 @@ def test_what_cannot_be_is_refused_in_one_line(taken, tmp_path):
         assert re.search(reason, result.output.replace('\n', ' ')), result.output
 
 
-def test_several_cameras_beside_an_arm_are_written_too(tmp_path):
+def beside_an_arm(folder, *names, light_fields=False):
+    """Cameras at rest and what they see of a board on an arm; writes pictures and views.yaml.
+
+    light_fields: in place of pictures.
+    """
     rng = np.random.default_rng(8)
     arms = {name: simulated_arm(rng, count=12, sigma=(2e-4, 5e-4), corners=0,
                                 fixed_camera=True)
-            for name in ('left', 'right')}
-    views = []
+            for name in names}
+    views, cameras = [], {}
     for name, arm in arms.items():
+        pinhole = arm.pinhole
+        values = {'fx': pinhole.fx, 'cx': pinhole.cx, 'cy': pinhole.cy}
+        cameras[name] = values | {'width': 640, 'height': 480}
         for each in arm.pictures:
-            pose = _board_to_camera(each.corners, arm)
-            file = f'{name}{each.name}.png'
-            cv2.imwrite(str(tmp_path / file), picture_of_board(BOARD, pose, arm.pinhole))
-            views.append({'file': file, 'camera': name,
-                          'mount_to_base': each.mount_to_base.ravel().tolist()})
-    pinhole = arms['left'].pinhole
-    camera = {'fx': pinhole.fx, 'cx': pinhole.cx, 'cy': pinhole.cy, 'width': 640, 'height': 480}
-    (tmp_path / 'views.yaml').write_text(yaml.safe_dump({
-        'cameras': dict.fromkeys(arms, camera), 'views': views}))
+            picture = picture_of_board(BOARD, _board_to_camera(each.corners, arm), pinhole)
+            view = {'mount_to_base': each.mount_to_base.ravel().tolist()}
+            if light_fields:
+                view['file'] = f'{each.name}.npz'
+                light = np.float32(picture / 255) ** 2.2
+                np.savez(folder / view['file'], baseline=0.001, fy=pinhole.fy, **values,
+                         views=np.repeat(light[None, None, ..., None], 3, axis=-1).repeat(2, 1))
+            else:
+                view |= {'file': f'{name}{each.name}.png', 'camera': name}
+                cv2.imwrite(str(folder / view['file']), picture)
+            views.append(view)
+    (folder / 'views.yaml').write_text(yaml.safe_dump({'cameras': cameras, 'views': views}))
+    return arms
+
+
+def check_placed(settings, arms):
+    """fixed_cameras puts the cameras where they are, within the errors that it is told."""
+    assert settings.cameras == tuple(arms)
+    assert 'fixed_frame' not in settings.model_fields_set  # the user knows the base's name
+    mounts = np.reshape(settings.camera_mounts, (-1, 6))
+    for mount, arm in zip(mounts, arms.values(), strict=True):
+        off = local(transform(mount[:3], mount[3:])[None], arm.camera)[0]
+        assert (abs(off[:3]) < 4 * settings.sigma_position).all()
+        assert (abs(off[3:]) < 4 * settings.sigma_rotation).all()
+
+
+def test_several_cameras_beside_an_arm_are_written_too(tmp_path):
+    arms = beside_an_arm(tmp_path, 'left', 'right')
     out = tmp_path / 'cameras.yaml'
     result = handeye(tmp_path, '--fixed-camera', '-o', out)
     assert result.exit_code == 0, result.output
     written = yaml.safe_load(out.read_text())
-    settings = FixedCameraSettings.make(written['/**/fixed_cameras']['ros__parameters'])
-    assert 'fixed_frame' not in settings.model_fields_set  # the user knows the base's name
-    for mount, arm in zip(np.reshape(settings.camera_mounts, (2, 6)), arms.values(), strict=True):
-        off = local(transform(mount[:3], mount[3:])[None], arm.camera)[0]
-        assert (abs(off[:3]) < 4 * settings.sigma_position).all()
-        assert (abs(off[3:]) < 4 * settings.sigma_rotation).all()
+    assert list(written) == ['/**/fixed_cameras']
+    check_placed(FixedCameraSettings.make(written['/**/fixed_cameras']['ros__parameters']), arms)
+
+
+@pytest.mark.parametrize('light_fields', [False, True], ids=['pictures', 'light fields'])
+def test_one_camera_beside_an_arm_is_written_as_one_at_rest(tmp_path, light_fields):
+    arms = beside_an_arm(tmp_path, 'side', light_fields=light_fields)
+    out = tmp_path / 'camera.yaml'
+    result = handeye(tmp_path, '--fixed-camera', '-o', out)
+    assert result.exit_code == 0, result.output
+    assert check_parameter_file(out) == []
+    assert read_by('sweep_driver', '', out) == {}  # it takes no camera at rest
+    of_views = read_by('fixed_cameras', 'cell', out)
+    if light_fields:
+        assert of_views == {}  # it takes pictures
+    else:
+        check_placed(FixedCameraSettings.make(of_views), arms)
+    of_grasps = read_by('grasp_node', 'cell', out)
+    assert list(of_grasps) == ['arm', 'mount_position', 'mount_rpy']
+    settings = GraspSettings.make(of_grasps)
+    assert settings.arm == 'fixed'  # else the camera would be on mount_parent, the wrist
+    off = local(transform(settings.mount_position, settings.mount_rpy)[None],
+                arms['side'].camera)[0]
+    assert np.linalg.norm(off[:3]) < 1e-3
+    assert np.linalg.norm(off[3:]) < np.deg2rad(0.15)
 
 
 def _board_to_camera(seen, arm):

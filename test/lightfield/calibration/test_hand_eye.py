@@ -352,7 +352,7 @@ def read_by(name, namespace, *files):
         node = Node(name, namespace=namespace, context=context, start_parameter_services=False,
                     automatically_declare_parameters_from_overrides=True)
         values = {each: value.value for each, value in node.get_parameters_by_prefix('').items()
-                  if each.startswith(('mount_', 'sigma_', 'common'))}
+                  if each.startswith(('arm', 'camera', 'mount_', 'sigma_', 'common'))}
         node.destroy_node()
     finally:
         rclpy.shutdown(context=context)
