@@ -31,10 +31,10 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
     """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
     path: as of `read_light_field`; or a views.yaml, a sweep.yaml of a camera that went around an
-    object, a transforms.json, the folder of a COLMAP model, of a BOP scene, or a picture of
-    one. A single picture whose camera has no pose is a `PosedView`: the camera is the reference
-    frame. metric: of a COLMAP model or a transforms.json, else not used. masks: of a COLMAP model
-    (`colmap.load`), else not used.
+    object or with `posed`, a transforms.json, the folder of a COLMAP model, of a BOP scene, or a
+    picture of one. A single picture whose camera has no pose is a `PosedView`: the camera is the
+    reference frame. metric: of a COLMAP model or a transforms.json, else not used. masks: of a
+    COLMAP model (`colmap.load`), else not used.
     Raises as `read_light_field`.
     """
     path = Path(path)
@@ -42,8 +42,10 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
         return read_light_field(path, every, shrink)
     reduction = Reduction(every, shrink)
     if (sweep := _sweep_of_views(path)) is not None:
-        _LOG.warning('%s: the sweep is no grid: read as posed views, whose poses are in its fixed '
-                     'frame', sweep)
+        posed = sweep_folder.SweepFolder.load(sweep).posed
+        _LOG.log(logging.INFO if posed else logging.WARNING,
+                 '%s: %s: read as posed views, whose poses are in its fixed frame', sweep,
+                 'posed is true' if posed else 'the sweep is no grid')
         return PosedViews(posed_views.views_of_sweep(sweep, reduction))
     of, folder = _views_file(path, metric, masks)
     views = posed_views.views_of(of, folder, str(path), reduction)
@@ -139,7 +141,7 @@ def _transforms(path: Path) -> Path | None:
 
 
 def _sweep_of_views(path: Path) -> Path | None:
-    """The sweep.yaml that a path names, where its cameras lie in no grid."""
+    """The sweep.yaml that a path names, where it is read as posed views."""
     yaml = path / sweep_folder.NAME if path.is_dir() else path
     if yaml.name != sweep_folder.NAME or not yaml.is_file():
         return None

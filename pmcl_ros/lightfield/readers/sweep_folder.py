@@ -76,6 +76,8 @@ class SweepFolder(SweepSettings):
 
     camera: CameraEntry = Field(description='that took all pictures')
     frames: list[FrameEntry] = Field(min_length=2, description='in any order')
+    posed: bool = Field(False, description='read as posed views, whatever the poses; false: a '
+                        'grid of parallel views is a light field')
 
     @field_validator('frames')
     @classmethod
@@ -88,11 +90,13 @@ class SweepFolder(SweepSettings):
 
 
 def has_grid(yaml: Path) -> bool:
-    """Whether the cameras of a sweep.yaml make a light field; else its pictures are posed views.
+    """Whether a sweep.yaml is read as a light field; else its pictures are posed views.
 
     Raises as `read_sweep`.
     """
     of = SweepFolder.load(yaml)
+    if of.posed:
+        return False
     try:
         size = picture_size(yaml.parent / of.frames[0].file)
         return is_grid([each.pose for each in of.frames], of.camera.lens_of(*size).pinhole, of)

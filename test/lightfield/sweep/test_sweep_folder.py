@@ -75,6 +75,30 @@ def test_frames_in_a_grid_are_a_light_field(folder):
         assert isinstance(read_source(source), LightField)
 
 
+def test_a_grid_that_is_declared_posed_is_read_as_posed_views(tmp_path, caplog):
+    caplog.set_level('INFO')
+    frames = [frame(f'{number}', pose, LENS) for number, pose
+              in enumerate(raster(3, 3, 0.05, 0.0005, 0.2))]
+    wide = SETTINGS.model_copy(update={'rows': 3, 'baseline': 0.05})
+    write_sweep(tmp_path, frames, wide)
+    assert isinstance(read_source(tmp_path), LightField)
+    changed(tmp_path / 'sweep.yaml', posed=True)
+    for source in (tmp_path, tmp_path / 'sweep.yaml'):
+        assert has_posed_views(source)
+        caplog.clear()
+        found = read_source(source)
+        told, = [each for each in caplog.records if 'read as posed views' in each.message]
+        assert told.levelname == 'INFO'  # as it was asked for
+        assert 'posed is true' in told.message
+        assert found.header.frame_id == 'sweep'
+        for view, taken in zip(found.views, frames, strict=True):
+            np.testing.assert_allclose(view.camera_to_reference, taken.pose, atol=1e-12)
+            np.testing.assert_array_equal(view.picture, LENS.undistorted(
+                encoded(taken.image, GAMMA), PINHOLE))
+        with pytest.raises(LightFieldError, match='and here a light field is needed'):
+            read_light_field(source)
+
+
 def test_it_is_read_as_it_was_taken(folder):
     path, frames = folder
     expected = assemble(frames, SETTINGS, '').light_field
