@@ -1,4 +1,4 @@
-"""PosedViews of an object that is lost -> which of the pictures are unusable, and why.
+"""PosedViews -> which of the pictures are unusable, and why.
 
 Only what is clear without knowing the scene: white or black where the object can be, blurred
 beside the others, the same as another one. Brightness does not matter otherwise, and whether all
@@ -39,9 +39,17 @@ def unusable_pictures(views: Sequence[PosedView], parts: Mapping[int, Part],
     the reference frame [m].
     """
     exposed = _badly_exposed(views, parts)
-    rest = {number: each for number, each in enumerate(views)
-            if number not in exposed and not _is_covered(each)}
+    rest = {number: each for number, each in _uncovered(views).items() if number not in exposed}
     return [*exposed.values(), *_blurred(rest, place), *_same(rest, place)]
+
+
+def blurred_pictures(views: Sequence[PosedView], place: NDArray[np.float64]) -> list[str]:
+    """Which pictures are blurred beside the others, as of `unusable_pictures`."""
+    return _blurred(_uncovered(views), place)
+
+
+def _uncovered(views: Sequence[PosedView]) -> dict[int, PosedView]:
+    return {number: each for number, each in enumerate(views) if not _is_covered(each)}
 
 
 def _is_covered(view: PosedView) -> bool:

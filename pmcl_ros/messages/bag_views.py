@@ -82,7 +82,7 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
     """A view of each place where the camera came to rest, in the frame of the poses.
 
     The log says whose poses are taken for the camera's, a warning if they seem to be an arm's; and
-    which frames were left out, a warning if motion was not the reason. Raises
+    which frames were left out or are blurred views, a warning if it is not motion alone. Raises
     BagError where topics are missing or hold what they should not, and where there is no view.
     """
     there = topics(bag)
@@ -103,8 +103,8 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
         found = collection.assemble()
     except PmclError as error:
         raise BagError(f'{bag}: {error}') from None
-    if found.left_out:
-        usual = all(each.spare or each.moved for each in found.left_out)
+    if found.left_out or found.blurred:
+        usual = not found.blurred and all(each.spare or each.moved for each in found.left_out)
         _LOG.log(logging.INFO if usual else logging.WARNING, '%s: %s', bag, found.describe())
     return found.source
 

@@ -178,6 +178,18 @@ def test_frames_that_are_left_out_are_told_in_one_line(tmp_path, caplog):
     assert '\n' not in line
 
 
+def test_a_view_that_is_blurred_is_a_warning(tmp_path, caplog, monkeypatch):
+    pictures = np.random.default_rng(0).integers(0, 255, (3, 48, 64, 3), np.uint8)
+    pictures[1] = cv2.blur(pictures[1], (5, 1))
+    monkeypatch.setitem(globals(), 'PICTURES', pictures)
+    monkeypatch.setitem(globals(), 'PINHOLE', Pinhole(64, 48, 90.0, 92.0, 31.0, 24.0))
+    assert_rests(read_views(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses()),
+                            BagViews()))
+    line, = [each for each in caplog.records if 'blurred' in each.message]
+    assert line.levelname == 'WARNING'
+    assert '3 posed views in base_link; view 1 (frame ' in line.message
+
+
 def test_an_arm_that_moves_between_places_is_no_warning(tmp_path, caplog):
     with caplog.at_level(logging.INFO):
         assert_rests(read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses())))

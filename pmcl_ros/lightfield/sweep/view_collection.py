@@ -16,6 +16,7 @@ from pmcl_ros.lightfield.sweep.collection import MOST_BYTES, Frames
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.selection import FASTEST, distance, distances, moves
 from pmcl_ros.lightfield.sweep.settings import ViewSettings
+from pmcl_ros.lightfield.unusable_pictures import blurred_pictures
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
@@ -24,16 +25,22 @@ _BACK = 1_000_000_000  # ns: no frame comes so late
 
 @dataclass(frozen=True)
 class CollectedViews:
-    """Posed views, and the last frames that are none of them."""
+    """Posed views, and the last frames that are none of them.
+
+    blurred: which views are beside the others, a part of a sentence each. They stay: a pose that
+    all views tell is hardly worse by one of them, and no other view may be there.
+    """
 
     source: PosedViews
     left_out: tuple[LeftOut, ...]
+    blurred: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """One line."""
         views = self.source.views
-        text = f'{len(views)} posed views in {self.source.header.frame_id}'
-        return f'{text}; left out: {summary(self.left_out)}' if self.left_out else text
+        left_out = [f'left out: {summary(self.left_out)}'] if self.left_out else []
+        return '; '.join([f'{len(views)} posed views in {self.source.header.frame_id}',
+                          *self.blurred, *left_out])
 
 
 class ViewCollection(Frames):
@@ -171,7 +178,10 @@ class ViewCollection(Frames):
         views = tuple(
             replace(each, drift=1e-9 * (last - each.header.stamp_ns) * self._settings.drift)
             for each in self._views)
-        return CollectedViews(PosedViews(views), tuple(self.left_out))
+        cameras = np.array([each.camera_to_reference for each in views])
+        ahead = cameras[:, :3, 3] + self._settings.focus * cameras[:, :3, 2]
+        return CollectedViews(PosedViews(views), tuple(self.left_out),
+                              tuple(blurred_pictures(views, ahead.mean(axis=0))))
 
     def _bytes(self, frame: SweepFrame) -> int:
         """Of all frames and views, with one more."""

@@ -1,8 +1,11 @@
 """Which frames become posed views, and why others do not."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from textured_planes import PINHOLE as PLANES
+from textured_planes import around, views_of_planes
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.sweep.frame import LeftOut, Lens, SweepFrame
@@ -132,6 +135,24 @@ def test_a_sharp_frame_takes_the_place_of_a_blurred_one():
     assert [each.name for each in made.frames] == ['sharp']
     np.testing.assert_allclose(made.assemble().source.views[0].picture, SHARP / 255, atol=1e-6)
     assert [each.name for each in made.left_out] == ['blurred', 'again']
+
+
+def test_a_blurred_view_that_is_alone_at_its_place_is_named():
+    """It stays: the pose is as good with it."""
+    cameras = around([-20, 0, 20])
+    images = [np.rint(255 * each.picture).astype(np.uint8) for each in views_of_planes(cameras)]
+    noise = np.random.default_rng(1).normal(0, 1.5, images[1].shape)
+    moved = np.rint(cv2.blur(images[1], (9, 1)) + noise).clip(0, 255).astype(np.uint8)
+    for middle, blurred in ((images[1], 0), (moved, 1), (images[1] // 2, 0)):  # the last is dark
+        made = collection()
+        for number, (pose, image) in enumerate(zip(cameras, (images[0], middle, images[2]),
+                                                   strict=True)):
+            made.add(SweepFrame(f'frame {number + 1}', 7, image, Lens(PLANES), pose))
+        found = made.assemble()
+        assert len(found.source.views) == 3
+        assert len(found.blurred) == blurred
+        assert found.describe().startswith('3 posed views in base' + blurred * (
+            '; view 1 (frame 2) is blurred: along one direction it has '))
 
 
 def test_another_lens_is_resampled_to_the_first_camera():
