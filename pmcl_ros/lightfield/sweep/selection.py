@@ -11,6 +11,7 @@ from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 
 FASTEST = 30.0  # m/s: nothing moves a camera faster
+_PLAIN = 1e-12  # sharpness of a picture of one colour, which is as sharp as another one
 Sorted = tuple[list[SweepFrame], list[LeftOut]]
 
 
@@ -153,8 +154,8 @@ def distances(pose: NDArray[np.float64], others: NDArray[np.float64], near: floa
 
 def relative_sharpness(frames: Sequence[SweepFrame]) -> NDArray[np.float64]:
     """(n,) sharpness of each frame in its blurrier direction, relative to the median."""
-    energies = np.array([each.sharpness for each in frames])
-    return np.asarray((energies / np.maximum(np.median(energies, axis=0), 1e-12)).min(axis=1))
+    energies = np.maximum([each.sharpness for each in frames], _PLAIN)
+    return np.asarray((energies / np.median(energies, axis=0)).min(axis=1))
 
 
 def one_for_each_cell(frames: Sequence[SweepFrame], layout: Layout,

@@ -58,6 +58,21 @@ def reasons(sweep):
     return {each.name: each.reason for each in sweep.left_out}
 
 
+@pytest.mark.parametrize('noise', [0, 300], ids=['of one colour', 'noisy'])
+def test_plain_frames_are_a_light_field_whose_poses_cannot_be_checked(poses, noise):
+    rng = np.random.default_rng(0)
+    size = PINHOLE.height, PINHOLE.width, 3
+    plain = [SweepFrame(f'f{number}', STAMP, (20000 + noise * rng.normal(size=size)).astype(
+        np.uint16), Lens(PINHOLE), pose) for number, pose in enumerate(poses)]
+    made = assemble(plain, SETTINGS, '')
+    assert len(made.used) == 25
+    assert 'too little texture to check poses' in made.describe()
+    assert 'nan' not in made.describe()
+    with pytest.raises(LightFieldError, match='1 are good') as told:  # too few, whatever they show
+        assemble(plain[:1], SETTINGS, '')
+    assert 'nan' not in str(told.value)
+
+
 def test_turned_and_distorted_frames_become_parallel_views_at_their_places(sweep, poses):
     light_field = sweep.light_field
     grid, header = light_field.grid, light_field.header
