@@ -27,6 +27,8 @@ from test_sweep_driver import BASE, SECOND, START, Robot, info_of, pose_of, reco
 from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros.cli import main
+from pmcl_ros.dlv.plane_sweep import build_volume_of_views
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import rotation_angle
@@ -322,6 +324,25 @@ def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user
             for each in states[-1].status[0].values), 'the reason')
 
 
+def check_volume(volume, views, truth, mesh):
+    """As the library makes it, of one of the views, with its peak where the object is."""
+    expected = build_volume_of_views(views, DlvSettings())
+    assert (volume.header, volume.pinhole) == (expected.header, expected.pinhole)
+    np.testing.assert_array_equal(volume.depths, expected.depths)
+    np.testing.assert_allclose(volume.likelihood, expected.likelihood,
+                               atol=1e-5 * expected.likelihood.max())
+    assert volume.likelihood.shape == (180, 240, 75)
+    assert volume.camera.frame_id == 'base_link'
+    camera = volume.camera.camera_to_reference
+    number = int(volume.header.frame_id.removeprefix('base_link/view_'))
+    np.testing.assert_allclose(camera, views.views[number].camera_to_reference, atol=1e-9)
+    into = np.linalg.inv(camera) @ truth
+    points = mesh.vertices @ into[:3, :3].T + into[:3, 3]
+    columns, rows = np.rint(volume.pinhole.project(points)).astype(int).T
+    peak = volume.depths[volume.likelihood[rows, columns].sum(axis=0).argmax()]
+    assert points[:, 2].min() < peak < points[:, 2].max()
+
+
 def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames, truth, search):
     lines = []
     for views in (2, 4):
@@ -330,12 +351,19 @@ def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames,
             lines.append(bags.Recorded(f'/{topic}', name, START + views,
                                        serialize_message(message)))
     bags.record(tmp_path / 'bag', lines)
-    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
-                 params=search | {'source': 'posed_views'}) as node:
+    with (Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
+                  params=search | {'source': 'posed_views'}) as node,
+          Process(tmp_path, 'pmcl_ros.nodes.dlv_node') as dlv_node):
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
+        assert all(user.change('dlv_node', CONFIGURE, ACTIVATE)), dlv_node.log
         poses = user.listen(PoseStamped, 'pose', SMALL)
+        volumes = user.listen(Float32MultiArray, 'dlv', BIG)
         with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--in-step'):
             user.wait(lambda: len(poses) == 2, 'both poses')
+            user.wait(lambda: volumes and volume_from(volumes[-1]).header.stamp_ns
+                      == frames[3].stamp_ns, 'the volume of four views')
+    check_volume(volume_from(volumes[-1]), posed_views_from(*sent_by(frames, 4)), truth,
+                 trimesh.load_mesh(scene / 'model.obj', process=False))
     assert [pose_from(each)[0].stamp_ns for each in poses] == [
         frames[1].stamp_ns, frames[3].stamp_ns]
     assert 'found model in 4 views' in node.log
