@@ -294,14 +294,20 @@ def test_a_scene_without_poses_is_reported_by_its_first_picture(scene, capture, 
         'bag', 'record', scene, tmp_path / 'bag', status=1).stderr
 
 
-def test_a_next_view_is_told_of_an_object_of_a_scene_with_poses(scene, capture):
+@pytest.fixture
+def posed_scene(scene, capture):
+    """The scene with the poses of its cameras."""
     of = json.loads((scene / 'scene_camera.json').read_text())
     for number, view in enumerate(read_source(capture).views):
         back = np.linalg.inv(view.camera_to_reference)
         of[str(number)] |= {'cam_R_w2c': back[:3, :3].ravel().tolist(),
                             'cam_t_w2c': (1000 * back[:3, 3]).tolist()}
     (scene / 'scene_camera.json').write_text(json.dumps(of))
-    done = pmcl('next-view', scene, '--object-id', 3, *region(capture), '--count', 3)
+    return scene
+
+
+def test_a_next_view_is_told_of_an_object_of_a_scene_with_poses(posed_scene, capture):
+    done = pmcl('next-view', posed_scene, '--object-id', 3, *region(capture), '--count', 3)
     assert done.stdout.startswith('now: ')
 
 
@@ -315,14 +321,19 @@ def test_what_a_scene_cannot_do_is_told(scene, more, reason, monkeypatch):
     assert reason in ' '.join(done.output.split())
 
 
-def test_a_scene_with_truth_is_evaluated(scene, capture, tmp_path):
-    """Without camera poses, each picture alone."""
+def with_truth(scene, capture):
+    """Write scene_gt.json; the poses (4, 4) of the object before each camera [m]."""
     truth, views = Truth.load(capture / 'truth.json'), read_source(capture).views
     poses = [np.linalg.inv(each.camera_to_reference) @ truth.pose for each in views]
     (scene / 'scene_gt.json').write_text(json.dumps({str(number): [{
         'obj_id': 3, 'cam_R_m2c': each[:3, :3].ravel().tolist(),
         'cam_t_m2c': (1000 * each[:3, 3]).tolist()}] for number, each in enumerate(poses)}))
-    out = tmp_path / 'out'
+    return poses
+
+
+def test_a_scene_with_truth_is_evaluated(scene, capture, tmp_path):
+    """Without camera poses, each picture alone."""
+    poses, out = with_truth(scene, capture), tmp_path / 'out'
     pmcl('evaluate', scene.parent, '--trials', 1, '--processes', 1, '--out', out)
     rows = results(out)
     assert [each['capture'] for each in rows] == [
@@ -336,3 +347,86 @@ def test_a_scene_with_truth_is_evaluated(scene, capture, tmp_path):
     assert (out / 'bop_default.csv').read_text().splitlines()[0].startswith('scene_id,im_id')
     done = pmcl('evaluate', capture.parent, '--views', 2, status=2)
     assert 'are of those' in done.output
+
+
+def test_a_scene_with_camera_poses_is_localised_in_its_world(posed_scene, capture, expected):
+    found = localized(posed_scene, capture, '--object-id', 3)
+    assert not found['lost']
+    np.testing.assert_allclose(found['position'], expected['position'], atol=5e-4)
+
+
+def test_a_scene_with_camera_poses_is_evaluated_by_all_views(posed_scene, capture, tmp_path):
+    (first, _), out = with_truth(posed_scene, capture), tmp_path / 'out'
+    pmcl('evaluate', posed_scene.parent, '--trials', 1, '--processes', 1, '--out', out)
+    row, = results(out)
+    assert (row['capture'], row['lost']) == ('000004/000000/obj_000003', 'False')
+    found = np.array(row['pose'].split(), float).reshape(3, 4)[:, 3]
+    off = np.linalg.norm(found - first[:3, 3])  # in the frame of the first camera
+    assert float(row['translation_mm']) == pytest.approx(1000 * off, abs=0.01)
+    assert off < 0.01
+
+
+def transforms_json(folder, views):
+    """The same views in the format of nerfstudio: a camera looks along -z, and y is up."""
+    of = views[0].pinhole
+    frames = []
+    folder.mkdir()
+    for number, view in enumerate(views):
+        cv2.imwrite(str(folder / f'{number}.png'), view.displayed()[..., ::-1])
+        pose = view.camera_to_reference @ np.diag([1.0, -1, -1, 1])
+        frames.append({'file_path': f'{number}.png', 'transform_matrix': pose.tolist()})
+    (folder / 'transforms.json').write_text(json.dumps({
+        'fl_x': of.fx, 'fl_y': of.fy, 'cx': of.cx + 0.5, 'cy': of.cy + 0.5, 'w': of.width,
+        'h': of.height, 'frames': frames}))
+
+
+@pytest.fixture
+def other(request, capture, tmp_path):
+    """The views in another form, and the options that it needs."""
+    kind, folder, views = request.param, tmp_path / 'other', read_source(capture).views
+    if kind == 'BOP':
+        return request.getfixturevalue('posed_scene'), ()
+    if kind == 'COLMAP':
+        colmap_model(folder, views, 2.5)
+        return folder, ('--scale', 2.5)
+    if kind == 'bag':
+        pmcl('bag', 'record', capture, folder)
+    else:
+        transforms_json(folder, views)
+    return folder, ()
+
+
+def reported(source, capture, out, *more):
+    """The place that a report tells [m]."""
+    done = pmcl('report', source, *region(capture), *more, '-o', out)
+    line = next(each for each in done.output.splitlines() if each.startswith('found at ('))
+    return [float(each) for each in line.split('(')[1].split(')')[0].split(',')]
+
+
+@pytest.fixture(scope='module')
+def place(capture, tmp_path_factory):
+    """Of the report of the views' folder."""
+    return reported(capture, capture, tmp_path_factory.mktemp('report') / 'page.html')
+
+
+@pytest.mark.parametrize('other', ['COLMAP', 'BOP', 'bag'], indirect=True)
+def test_a_report_of_other_sources_tells_the_pose_of_the_views(other, capture, place, tmp_path):
+    source, options = other
+    known = (('--object-id', 3) if (source / 'scene_camera.json').is_file()
+             else ('--object', capture / 'model.obj'))
+    found = reported(source, capture, tmp_path / 'page.html', *known, *options)
+    np.testing.assert_allclose(found, place, atol=5e-4)
+    page = (tmp_path / 'page.html').read_text()
+    assert 'View 1, with the outline' in page
+    assert 'id="advice"' in page
+
+
+@pytest.mark.parametrize('other', ['COLMAP', 'BOP', 'transforms.json'], indirect=True)
+def test_a_bag_of_other_sources_has_the_same_views(other, capture, tmp_path):
+    source, options = other
+    pmcl('bag', 'record', source, tmp_path / 'bag', *options)
+    for one, view in zip(read_bag(tmp_path / 'bag').views, read_source(capture).views,
+                         strict=True):
+        np.testing.assert_array_equal(one.displayed(), view.displayed())
+        np.testing.assert_allclose(one.camera_to_reference, view.camera_to_reference, atol=1e-6)
+        np.testing.assert_allclose(one.pinhole.matrix, view.pinhole.matrix, atol=1e-6)
