@@ -213,6 +213,11 @@ def test_the_command_prints_what_was_found(tmp_path):
     assert (re.search('id="advice">(.*?)<', text).group(1).replace('&#43;', '+')
             == f'{1e3 * best.now:.2f} mm now, {best.describe()} in room.')
     assert 'alt="how sure it is, view by view"' in text
+    assert 'alt="what a next view is expected to bring"' in text
+    for number in range(2):
+        assert f'View {number}, with the outline and the axes at the estimate.' in text
+        assert text.count(f'<title>view {number}</title>') == 1
+    assert 'View 2, ' not in text
     empty = runner.invoke(main, [*command[:-6], '0', '0', '5', '0.1', '0.1', '0.1'])
     assert empty.exit_code != 0
     assert 'sees the region' in empty.output
