@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
@@ -18,7 +17,6 @@ from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
 
 
 @click.command('next-view')
@@ -66,18 +64,10 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
         raise SystemExit(3)
     cameras = (cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
                    degrees, count) if plan is None else
-               _planned(plan, str(candidates), run.source.views[0].header.frame_id))
+               plan.cameras_in(run.source.header.frame_id, str(candidates)))
     found = next_views(run.estimate.found_in(run.evidence), model, settings,
                        run.estimate.pose, cameras, run.source.views[0].pinhole)
     _print(found, as_json)
-
-
-def _planned(plan: ViewPlan, name: str, reference: str) -> NDArray[np.float64]:
-    """The cameras (C, 4, 4) of a plan; SettingsError where it is in another frame."""
-    if plan.frame and plan.frame != reference:
-        raise SettingsError(f'{name} is in frame {plan.frame!r}, the views are in {reference!r}: '
-                            'change one')
-    return plan.cameras
 
 
 def _print(found: Sequence[NextView], as_json: bool) -> None:

@@ -19,6 +19,9 @@ class PmclNodeSettings(TrackingSettings):
         'object that ~/next_view chooses from [deg]')
     next_view_candidates: int = Field(40, ge=1, le=10_000, description='posed views: number of '
                                       'these cameras')
+    next_view_plan: str = Field('', description='posed views: path of a plan, YAML, whose `poses` '
+                                '~/next_view chooses from (camera to the frame of the views, 16 '
+                                'numbers each), as those that the arm reaches; empty: the cap')
     broadcast_tf: bool = Field(
         False, description="publish the frame of the object on /tf, as a child of the camera's, "
         'for each pose; a listener that comes later gets the last one; needs tf2_msgs (full '

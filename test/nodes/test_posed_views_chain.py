@@ -500,7 +500,11 @@ def test_what_a_node_of_posed_views_cannot_do_is_refused(tmp_path, user, search)
         assert user.set('pmcl_node', tracking='none', mode='faithful') == []
         assert not user.change('pmcl_node', CONFIGURE)
         assert 'source posed_views needs mode default, it is faithful' in node.log
-        assert user.set('pmcl_node', source='light_field', mode='default') == []
+        no_plan = str(tmp_path / 'plan.yaml')
+        assert user.set('pmcl_node', mode='default', next_view_plan=no_plan) == []
+        assert not user.change('pmcl_node', CONFIGURE)
+        assert f"parameter 'next_view_plan': there is no {no_plan}" in node.log
+        assert user.set('pmcl_node', source='light_field', next_view_plan='') == []
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         assert not answer.success

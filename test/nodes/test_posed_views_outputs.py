@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rclpy
+import yaml
+from geometry_msgs.msg import PoseStamped
 from pmcl_scenes import cup, model_of
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
@@ -17,10 +21,12 @@ from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.messages.image import picture_from
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.pmcl_outputs.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_view.next_view import next_views
 from pmcl_ros.runtime.settings import Settings
 
 CUP = model_of(cup())
@@ -30,10 +36,11 @@ class Teller(StageNode):
     """Says how sure poses are."""
 
     name, settings_class = 'teller', Settings
+    plan = ''
 
     def set_up(self, _):
-        self.outputs = PosedViewsOutputs(
-            self, True, PmclNodeSettings(roi_center=(0, 0, 0)))  # where they look
+        self.outputs = PosedViewsOutputs(self, True, PmclNodeSettings(
+            roi_center=(0, 0, 0), next_view_plan=self.plan))  # where they look
 
     def start(self):
         self.outputs.start()
@@ -120,6 +127,44 @@ def test_a_pose_says_nothing_of_a_collection_that_is_being_searched(teller, user
     assert not unknown()
     teller.outputs.on_estimate(evidence, estimate_of(3, lost=True), CUP)
     assert unknown()
+
+
+def turned(degrees):
+    """A camera that looks at the origin from half a metre away, as those of `seen_from`."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler('y', degrees, degrees=True).as_matrix()
+    pose[:3, 3] = -0.5 * pose[:3, 2]
+    return pose
+
+
+def test_a_next_view_is_one_of_a_plan(teller, user, small_edges, tmp_path):
+    views, evidence = seen_from(small_edges, 0.0, 0.02)
+    nexts = user.listen(PoseStamped, 'next_view', SMALL)
+    plan = tmp_path / 'plan.yaml'
+
+    def answer(cameras, **more):
+        plan.write_text(yaml.safe_dump({'poses': [each.ravel().tolist() for each in cameras]}
+                                       | more))
+        teller.plan = str(plan)
+        assert teller.trigger_deactivate() == teller.trigger_cleanup() == Result.SUCCESS
+        assert teller.trigger_configure() == teller.trigger_activate() == Result.SUCCESS
+        teller.outputs.on_views(views)
+        teller.outputs.on_estimate(evidence, estimate_of(3), CUP)
+        return user.call(Trigger, '/teller/next_view', Trigger.Request())
+
+    cameras = [turned(3), turned(50), turned(20)]
+    told = answer(cameras, frame='base')
+    assert told.success, told.message
+    user.wait(lambda: nexts, 'the next view')
+    expected = next_views(evidence, CUP, teller.outputs.settings, np.eye(4), np.array(cameras),
+                          small_edges.pinhole)[0]
+    np.testing.assert_allclose(pose_from(nexts[0])[1], expected.camera, atol=1e-9)
+    assert told.message == f'{1e3 * expected.now:.2f} mm now, {expected.describe()}'
+    away = turned(50) @ np.diag([-1, 1, -1, 1])  # looks the other way
+    assert 'or they do not see the object (next_view_plan)' in answer([away]).message
+    assert answer(cameras, frame='map').message.endswith(
+        "plan.yaml is in frame 'map', the views are in 'base': change one")
+    assert len(nexts) == 1
 
 
 def test_a_next_view_is_one_beside_those_that_show_the_object(teller, user, small_edges):

@@ -32,6 +32,16 @@ class ViewPlan(Settings):
         """(n, 4, 4)."""
         return np.array(self.poses).reshape(-1, 4, 4)
 
+    def cameras_in(self, reference: str, path: str) -> NDArray[np.float64]:
+        """The cameras (n, 4, 4); SettingsError where they are in another frame than views.
+
+        reference: frame of the views. path: that the plan was read from.
+        """
+        if self.frame and self.frame != reference:
+            raise SettingsError(f'{path} is in frame {self.frame!r}, the views are in '
+                                f'{reference!r}: change one')
+        return self.cameras
+
 
 def check_frame(plan: ViewPlan | SweepPlan, fixed_frame: str, path: str) -> None:
     """SettingsError where the plan that was read from `path` is in another frame."""

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Image
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.pose import pose_to_message
@@ -20,6 +21,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.next_view import cap, next_views, position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.resources import resolve
 
 if TYPE_CHECKING:  # matplotlib is imported for the first subscriber of a chart
     from matplotlib.figure import Figure
@@ -29,11 +31,13 @@ class PosedViewsOutputs:
     """How sure the pose is with each further view, and `~/next_view`: what one more would bring.
 
     For `set_up` of a node. posed: else there are no posed views, and the service says so.
-    settings: those with the region that is searched.
+    settings: those with the region that is searched. Raises SettingsError for a wrong plan.
     """
 
     def __init__(self, node: StageNode, posed: bool, settings: PmclNodeSettings) -> None:
         self._node, self._posed, self.settings = node, posed, settings
+        plan = settings.next_view_plan
+        self._plan = ViewPlan.load(resolve(plan, 'next_view_plan')) if plan else None
         self._next = node.publisher(PoseStamped, 'next_view', SMALL)
         self._candidates = node.publisher(Image, 'next_view/candidates', SMALL)
         self._sigmas = node.publisher(Image, 'pose/sigma_by_views', SMALL)
@@ -92,8 +96,7 @@ class PosedViewsOutputs:
                                     'pose')
         evidence, estimate, model = last
         there = [each.camera_to_reference for each in evidence.views]
-        candidates = cap(estimate.pose, there, self.settings.next_view_cap,
-                         self.settings.next_view_candidates)
+        candidates = self._candidate_cameras(estimate, there)
         found = next_views(estimate.found_in(evidence), model, self.settings, estimate.pose,
                            candidates, evidence.pinhole)
         best = found[0]
@@ -101,7 +104,7 @@ class PosedViewsOutputs:
             raise LocalizationError(
                 f'{1e3 * best.now:.2f} mm now; none of {len(found)} views is expected to help: '
                 'the pose is as sure as they make it, or they do not see the object '
-                '(next_view_cap)')
+                f'({"next_view_cap" if self._plan is None else "next_view_plan"})')
         self._next.publish(PoseStamped(header=header_to_message(estimate.header),
                                        pose=pose_to_message(best.camera)))
         if self._candidates.get_subscription_count():
@@ -109,6 +112,14 @@ class PosedViewsOutputs:
             _draw(self._candidates, estimate.header,
                   next_views_figure(found, estimate.pose, there))
         return f'{1e3 * best.now:.2f} mm now, {best.describe()}'
+
+    def _candidate_cameras(self, estimate: PoseEstimate, there: list[NDArray[np.float64]]
+                           ) -> NDArray[np.float64]:
+        """(n, 4, 4) of the plan, else on a cap about the cameras that are there."""
+        of = self.settings
+        if self._plan is not None:
+            return self._plan.cameras_in(estimate.header.frame_id, of.next_view_plan)
+        return cap(estimate.pose, there, of.next_view_cap, of.next_view_candidates)
 
 
 def _draw(publisher: LifecyclePublisher, header: Header, figure: 'Figure') -> None:
