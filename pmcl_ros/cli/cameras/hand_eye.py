@@ -37,7 +37,6 @@ from pmcl_ros.runtime.outputs import refuse_existing, write_file
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
 _SQUARE = 0.011  # m: of a checkerboard, by default
 _FIXED, _GRASPS = '/**/fixed_cameras', '/**/grasp_node'  # in any namespace
-_INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
 @click.command('handeye')
