@@ -19,7 +19,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 LP_NUM_THREADS=1
 unexport PYTHONDONTWRITEBYTECODE
 
 # Slow tests that lean on numpy, scipy and OpenCV: run with the oldest of these too.
-OLDEST_TOO := $(addprefix test/, lightfield/calibration/test_hand_eye.py \
+OLDEST_TOO := $(addprefix test/, evidence/test_contour_net.py lightfield/calibration/test_hand_eye.py \
 	lightfield/calibration/test_fixed_board.py runtime/test_start.py pmcl/test_second_search.py \
 	pmcl/prior/test_orientation.py profiles/test_measure.py)
 

@@ -12,7 +12,7 @@ from pmcl_ros.evidence.learned import learned_file
 from pmcl_ros.runtime.errors import PictureError, SettingsError
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, labelled_picture
 
-# All that is used; OpenCV 4.6's dnn has these, and gave the same numbers with the shipped file.
+# All that is used; OpenCV 4.6's dnn has these.
 OPERATORS = {'Conv': {'kernel_shape', 'strides', 'pads'}, 'Relu': set(), 'Concat': {'axis'},
              'MaxPool': {'kernel_shape', 'strides'}, 'ConvTranspose': {'kernel_shape', 'strides'}}
 # None of those it was trained on; a mean of odds ratios needs some.
@@ -22,6 +22,17 @@ SEEDS = 1_000_000, 1_000_001, 1_000_003
 # [nat] by which the map may depend on the number of threads: OpenCV divides the work among them
 # from 4.7 on so that it does not.
 ROUNDING = 0 if tuple(map(int, cv2.__version__.split('.')[:2])) >= (4, 7) else 1e-5
+
+# Of the shipped network, by OpenCV 5.0 [nat]: in a disc, on its contour, at two corners.
+ROWS, COLUMNS = [52, 17, 52, 87, 80, 60, 3, 111], [70, 70, 106, 70, 95, 60, 3, 143]
+STORED = [[-7.39632, 0.53632, -0.36714, -1.30909, 0.39245, 13.69446],
+          [-1.85867, 0.16732, -2.21867, -3.68333, -0.46563, 2.97173],
+          [-0.56695, 2.50100, -0.36632, 6.88825, 0.12026, 0.94987],
+          [-1.36385, -0.44038, 1.51850, -4.95038, -0.20706, 5.85855],
+          [-4.58930, 1.83869, 2.82093, -0.93488, 3.31848, -1.70340],
+          [-7.97045, 0.27619, -0.23312, -0.69667, -0.74165, 16.03715],
+          [-0.74232, 0.16602, -0.78390, -1.01219, 2.30193, -0.11519],
+          [-3.18915, 0.64476, -0.19169, -0.38864, 0.00320, -1.40065]]
 
 
 @pytest.fixture(scope='module')
@@ -56,6 +67,20 @@ def test_contours_of_generated_pictures_light_up_on_the_right_side(pictures):
     assert np.median(inside) > np.median(outside) + 1
     # Odds ratios of nothing but chance have the mean 1 where there is no contour.
     assert np.exp(elsewhere).mean() < 2
+
+
+def test_versions_of_opencv_give_the_same_numbers():
+    """The numbers are stored, as no environment has two versions; another network has others.
+
+    The picture is made of integers alone, so that it is the same everywhere.
+    """
+    y, x = np.mgrid[:112, :144]
+    disc = (x - 70) ** 2 + (y - 52) ** 2 < 36 ** 2
+    shades = np.stack([60 + x // 3, 70 + y // 2, 50 + (x + y) // 4], axis=-1)
+    around = (150 + (7 * x + 13 * y + x * y // 9) % 61)[..., None] - [0, 20, 45]
+    picture = np.where(disc[..., None], shades, around).astype(np.uint8)
+    found = contour_net()(picture)[ROWS, COLUMNS]
+    np.testing.assert_allclose(found, STORED, rtol=0, atol=1e-4)
 
 
 def test_one_colour_shows_no_contour():
