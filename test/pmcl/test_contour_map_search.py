@@ -5,10 +5,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from contour_maps import NUMBERS, map_seen
 from pmcl_scenes import CAMERA, bracket, cup, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import retract
@@ -21,6 +25,10 @@ from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.runtime import kernel_threads
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 
 NEAR, FAR = 0.3, 0.6
 ZOOM = 4
@@ -43,6 +51,10 @@ def depth_of(model, pose, camera=CAMERA):
 CUP, BRACKET = model_of(cup(), axis=(0, 0, 1)), model_of(bracket())
 CUP_POSE = pose_of(Rotation.from_euler('xyz', [1.9, 0.3, 0.2]), [0.01, -0.005, 0.45])
 BRACKET_POSE = pose_of(Rotation.from_euler('xyz', [2.2, 0.5, 0.8]), [-0.01, 0.008, 0.42])
+# A search that is soon done, of a small region about the cup.
+SMALL = PmclSettings(roi_center=tuple(CUP_POSE[:3, 3]), roi_size=(0.06, 0.06, 0.06),
+                     renderer='numba', proposals=8, particles=32, moves=1)
+NARROW = OrdinaryCamera(width=320, height=240, fx=600, cx=159.5, cy=119.5)
 
 
 @pytest.mark.parametrize(('model', 'pose'), [(CUP, CUP_POSE), (BRACKET, BRACKET_POSE)],
@@ -57,6 +69,82 @@ def test_a_known_pose_is_found(model, pose):
     assert not found.lost
     assert error.translation < 0.004
     assert error.rotation < np.deg2rad(3)
+
+
+def test_the_same_seed_gives_the_identical_pose_in_any_localizer_by_any_threads(all_threads):
+    odds = seen(CUP, CUP_POSE)
+
+    def localized(localizer, seed=5):
+        return localizer.localize(odds, np.random.default_rng(seed))
+
+    with Localizer(CUP, SMALL) as localizer:
+        other = localized(localizer, 6)
+        expected = localized(localizer)
+    assert (other.particles != expected.particles).any()
+    for number in sorted({1, min(2, all_threads), all_threads}):
+        kernel_threads.set_threads(number)
+        with Localizer(CUP, SMALL) as localizer:
+            again = localized(localizer)
+        for name in ('pose', 'covariance', 'particles', 'log_weights', 'score', 'support'):
+            np.testing.assert_array_equal(getattr(again, name), getattr(expected, name))
+
+
+def test_a_part_out_of_view_counts_as_no_evidence():
+    """Else what little is in view would show the object."""
+    pose = CUP_POSE.copy()
+    while share_in_view(CUP, pose, CAMERA) > 0.75:
+        pose[0, 3] -= 0.004
+    odds, settings = seen(CUP, pose), SMALL.model_copy(update={'roi_center': tuple(pose[:3, 3])})
+    with Localizer(CUP, settings) as localizer:
+        estimate = localizer.localize(odds, np.random.default_rng(0))
+        there, = localizer.observe(odds, [estimate.pose])
+    assert pose_error(estimate.pose, pose, CUP.symmetry).translation < 0.01
+    assert estimate.in_view == there.in_view < 0.9
+    assert estimate.support == pytest.approx(contour_support(there.points, there.in_view))
+    assert estimate.support < contour_support(there.points, 1.0)
+
+
+@pytest.mark.parametrize('aside', [0.0, 0.06, 0.08, 0.1])
+def test_out_of_view_is_no_way_out_of_a_picture_that_shows_nothing(aside):
+    """Each contour in plain view has evidence against it, and none where nothing is in view."""
+    nothing = replace(map_seen(np.zeros((ZOOM * CAMERA.height, ZOOM * CAMERA.width), bool), CAMERA,
+                               NEAR, FAR, ZOOM), numbers=learned_map_evidence())
+    settings = SMALL.model_copy(update={'roi_center': (aside, 0.0, 0.45)})
+    with Localizer(CUP, settings) as localizer:
+        estimate = localizer.localize(nothing, np.random.default_rng(0))
+    assert estimate.lost
+    assert estimate.support <= 0
+
+
+def inexact(target):
+    """Meshes of a vessel with a handle, by what is wrong; each has a lid, which the vessel lacks.
+    """
+    mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
+    body = max(mesh.split(), key=lambda each: each.volume)
+    wider = mesh.vertices + 0.0005 * mesh.vertex_normals  # on each side
+    return {'lid': target.model('lid'), 'no handle': model_of(body, (0, 0, 1)),
+            '1 mm wider': replace(target.model('wider'), vertices=wider)}
+
+
+@pytest.mark.parametrize(('kind', 'seed'), [('glass handle', 6), ('opaque handle', 5)])
+def test_a_mesh_that_is_not_exact_gives_a_pose_near_by_or_none(kind, seed):
+    """In one picture an object that is a hundredth wider is a hundredth farther, too."""
+    rng = np.random.default_rng(seed)
+    of = SceneSettings(kinds=(kind,), empty=0, outside=0, clutter=0, field=NARROW.field)
+    scene = random_scene(rng, of, sensor=NARROW.sensor(rng))
+    odds = build_map(take_view(scene, NARROW, np.eye(4), rng, 2), DlvSettings(near=0.3, far=0.9))
+    target, = scene.targets
+    settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size,
+                            renderer='numba', particles=64, moves=1)
+    claimed = {}
+    for what, model in inexact(target).items():
+        with Localizer(model, settings) as localizer:
+            found = localizer.localize(odds, np.random.default_rng(0))
+        if not found.lost:
+            claimed[what] = pose_error(found.pose, target.pose, model.symmetry)
+            assert claimed[what].translation < 0.012
+            assert claimed[what].rotation < np.deg2rad(6)
+    assert claimed['lid'].translation < 0.004
 
 
 def test_contours_that_are_found_inside_are_looked_for_there():
