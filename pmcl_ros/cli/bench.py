@@ -9,7 +9,7 @@ import click
 from pmcl_ros.dlv.settings import BackEnd
 
 _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'driver',
-            'graph': 'ros_programs', 'pmcl': 'pmcl', 'transport': 'ros_programs',
+            'graph': 'ros_programs', 'map': 'map', 'pmcl': 'pmcl', 'transport': 'ros_programs',
             'views': 'views'}
 
 
@@ -28,6 +28,8 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
                GPU too
     driver     200 pictures of a simulated camera, over a link that drops
     graph      from shutter to pose by the nodes, and without ROS (needs ROS)
+    map        the contour map of pictures and of a light field, and from a
+               picture to the pose
     pmcl       poses drawn and scored by each back end; a whole localisation
     transport  200 volumes to another process, and copies of their data alone
                (needs ROS)

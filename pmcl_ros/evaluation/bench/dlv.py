@@ -21,6 +21,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.runtime.gl import GlContext
 
+NEAR, FAR = 0.39, 0.71  # m
 _PLAIN_LABELS = 3  # that the reference is run on
 
 
@@ -34,7 +35,7 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     fit of two layers to every other pixel, across and down. `plain` is `reference`, on a few of
     the labels, scaled. Raises RenderError when `wanted` is gl and there is none.
     """
-    settings = DlvSettings(near=0.39, far=0.71, back_end=wanted)
+    settings = DlvSettings(near=NEAR, far=FAR, back_end=wanted)
     depths = depth_labels(settings.near, settings.far, settings.labels)
     grid, counts = _grid(side), _noise(side)
     light_field = _light_field(grid, counts)
@@ -100,6 +101,11 @@ def _best_after_first(step: Callable[[], object], repeats: int) -> float:
     """The first run, which compiles and fills caches, is not counted."""
     step()
     return best_ms(step, repeats)
+
+
+def light_field_like_f01(side: int) -> LightField:
+    """7x7 views of side x side pixels of noise."""
+    return _light_field(_grid(side), _noise(side))
 
 
 def _grid(side: int) -> ViewGrid:
