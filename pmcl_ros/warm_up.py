@@ -1,11 +1,14 @@
-"""Compiles the kernels ahead, on all cores, with progress: `pmcl warm-up`, the demo."""
+"""Compiles kernels ahead, on all cores, with progress: commands, `pmcl warm-up`, the demo."""
 
 import os
+import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,10 +60,10 @@ def _plane_sweep() -> None:
     beside[0, 3] = 0.01
     views = tuple(PosedView(Header(), _noise(3)[:, :, 0], _CAMERA, each)
                   for each in (np.eye(4), beside))
-    build_volume_of_views(PosedViews(views), DlvSettings(labels=3)).layers()
+    build_volume_of_views(PosedViews(views), DlvSettings(labels=4)).layers()
 
 
-def _evidence() -> None:
+def _edges() -> None:
     build_edges(build.tiny_light_field(), DlvSettings(views=3, edge_labels=2))
 
 
@@ -90,47 +93,83 @@ def _object(mode: Mode) -> tuple[ObjectModel, PmclSettings]:
                          faithful_particles=8, faithful_iterations=2))
 
 
-Stages = tuple[Callable[[], None], ...]
+class Stage(NamedTuple):
+    """Compiles kernels, by running on little data what calls them.
+
+    kernels: what the names of those begin with.
+    """
+
+    run: Callable[[], None]
+    kernels: tuple[str, ...]
+
+    def mark(self, folder: Path) -> Path:
+        """The file that says that all its kernels, as they are now, are in a folder."""
+        return folder / f'{self.run.__qualname__}.{kernels.digest(self.kernels)}.complete'
+
+
+_PLANES = 'lightfield.light_field', 'dlv.planes', 'dlv.sampling'
+_LIKELIHOODS = *_PLANES, 'dlv.cost', 'dlv.row_costs', 'dlv.window_sums', 'dlv.likelihood'
+Stages = tuple[Stage, ...]
+# Of a raw picture; of a pose by the contour; of edges of a light field.
+DECODE: Stages = Stage(_decode, ('camera.packing', 'lightfield.')),
+SEARCH: Stages = (Stage(_search, ('geometry.faces', 'evidence.energies', 'pmcl.')),
+                  Stage(GaussNewton.warm_up, ('pmcl.render.',)))
+EDGES: Stages = Stage(_edges, (*_PLANES, 'evidence.')),
+# Of the depth likelihood volume of a light field, of posed views; of the paper's filter in it.
+VOLUME: Stages = Stage(_volume, (*_LIKELIHOODS, 'dlv.layers')),
+PLANE_SWEEP: Stages = Stage(_plane_sweep, (*_PLANES, 'dlv.plane_sweep', 'dlv.window_sums',
+                                           'dlv.likelihood', 'dlv.layers')),
+FILTER: Stages = Stage(_filter, ('geometry.faces', 'dlv.sampling', 'pmcl.render.')),
 # The longest first.
-CHAIN: Stages = (_search, _volume, _decode, GaussNewton.warm_up, _evidence)
+CHAIN: Stages = *SEARCH[:1], *VOLUME, *DECODE, *SEARCH[1:], *EDGES
 # Other modes and sources.
-OTHER_MODES: Stages = (_filter, _layers, _plane_sweep)
+OTHER_MODES: Stages = (
+    *FILTER, Stage(_layers, (*_LIKELIHOODS, 'dlv.layer_fit', 'dlv.view_moments')), *PLANE_SWEEP)
 
 
 def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
-    """Compile the kernels that are not on disk yet, with a progress line."""
+    """Compile the kernels that are not on disk yet, on all cores, with a progress line.
+
+    Where all are, and where none can be kept, this takes milliseconds and prints nothing.
+    Call it before there are threads: it forks.
+    """
     folder = kernels.cache_folder()
     if folder is None:
         return
-    done = folder / f'{kernels.digest()}.{len(stages)}.complete'
-    if done.exists():
+    missing = [each for each in stages if not each.mark(folder).exists()]
+    names = tuple(name for each in missing for name in each.kernels)
+    started, (before, total) = time.monotonic(), kernels.progress(names)
+    if not total:  # nothing is missing, or numba is switched off
         return
-    started, before = time.monotonic(), kernels.progress()[0]
     fork = get_context('fork')
-    names: SimpleQueue[str] = fork.SimpleQueue()
+    begun: SimpleQueue[str] = fork.SimpleQueue()
     columns = TextColumn('compiling kernels'), BarColumn(), MofNCompleteColumn(), TextColumn(
         '{task.description}')
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (names,)) as pool:
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (begun,)) as pool:
         # Processes are forked before the progress line starts its thread.
-        futures = [pool.submit(stage) for stage in stages]
-        with Progress(*columns, console=console, transient=True) as bar:
-            task = bar.add_task('', total=kernels.progress()[1])
-            line, name = started + _LINE_EVERY, ''
+        futures = [pool.submit(each.run) for each in missing]
+        with Progress(*columns, console=console, transient=True,
+                      disable=not console.is_terminal) as bar:
+            task = bar.add_task('', total=total)
+            line, name = started, ''
             while wait(futures, 0.2).not_done:
-                while not names.empty():
-                    name = names.get()
-                count, total = kernels.progress()
+                while not begun.empty():
+                    name = begun.get()
+                count, _ = kernels.progress(names)
                 bar.update(task, completed=count, description=name)
-                if not console.is_terminal and time.monotonic() > line:
+                if name and not console.is_terminal and time.monotonic() > line:
                     console.print(f'compiling kernels: {count} of {total}, {name}')
-                    line += _LINE_EVERY
+                    line = time.monotonic() + _LINE_EVERY
         for each in futures:
             each.result()
-    done.touch()
-    console.print(f'compiled {kernels.progress()[0] - before} kernels in '
-                  f'{time.monotonic() - started:.0f} s', highlight=False)
+    for stage in missing:
+        stage.mark(folder).touch()
+    if count := kernels.progress(names)[0] - before:
+        console.print(f'compiled {count} kernels in {time.monotonic() - started:.0f} s',
+                      highlight=False)
 
 
 def _begin(names: 'SimpleQueue[str]') -> None:
-    """In each process: report which kernel is being compiled."""
+    """In each process: report which kernel is being compiled; end at once by Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     kernels.report_to(names.put)

@@ -9,7 +9,7 @@ from pmcl_ros.cli.base import FOLDER, FORCE, MODE, OBJECT, STDERR, TRUTH, result
 from pmcl_ros.cli.localization import Request, localize_each, localize_one, localize_several
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options
-from pmcl_ros.cli.sources import GivenSource, source_options
+from pmcl_ros.cli.sources import GivenSource, Search, source_options
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.readers.read import pictures_alone
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
@@ -57,15 +57,17 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                                  '--roi, --depths, --table, --tilt, --up, --mode, --evidence, '
                                  '--set, --seed')
     request = Request(settings, dict(changed.dlv), as_json, results)
+    search = Search(mode, with_volume=results is not None and len(objects) == 1)
     alone = pictures_alone(source.source)
     if alone:
         if len(objects) > 1 or truth is not None:
             raise click.UsageError(f'{source.source} has no camera poses, and each picture is '
                                    'localised alone: give one --object, and no --truth')
         STDERR.print('no camera poses: each picture is localised alone', markup=False)
+        search.compile_kernels()
         localize_each([replace(source, source=each) for each in alone], load(objects[0]), request)
         return
-    opened = source.open()
+    opened = source.open(search)
     if results is not None and not opened.posed:  # of posed views the number is not known yet
         results.reserve('overlay.png', *(['centre.png'] if len(objects) == 1 else []))
     if len(objects) == 1:

@@ -10,7 +10,7 @@ import numpy as np
 from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, posed_options
+from pmcl_ros.cli.sources import GivenSource, Search, posed_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
@@ -44,7 +44,7 @@ def next_view(source: GivenSource, object_path: Path | None, object_id: int | No
     if candidates is not None and (degrees, count) != (CAP, CANDIDATES):
         raise click.UsageError('--cap and --count are of the default candidates: leave them out, '
                                'or --candidates')
-    opened = source.open()
+    opened = source.open(Search())
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')

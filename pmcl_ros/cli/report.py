@@ -9,7 +9,7 @@ from rich.progress import Progress
 from pmcl_ros.cli.base import FORCE, MODE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.objects import OBJECT_ID, objects_of
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, source_options
+from pmcl_ros.cli.sources import GivenSource, Search, source_options
 from pmcl_ros.evaluation.report.localization import Localization, localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
@@ -76,9 +76,9 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
 def _localized(source: GivenSource, model: ObjectModel, settings: PmclSettings,
                truth: Truth | None) -> tuple[Localization, str]:
     """What was found, and the page about it, with a progress bar."""
+    opened = source.open(Search(settings.mode, with_volume=True))
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)
-        opened = source.open()
         settings, read = settled(settings, opened.read, model.radius)
         run = localize(read, model, settings, lambda stage, part: bar.update(
             task, description=stage, completed=part), str(source.source), opened.serial, truth,

@@ -35,6 +35,7 @@ from pmcl_ros.lightfield.readers.read import (
 )
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.pmcl.settings import Mode
 from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
@@ -92,6 +93,27 @@ class Opened(NamedTuple):
     posed: bool = False
     scaled: bool = False
     serial: str = ''
+
+
+class Search(NamedTuple):
+    """What a command does with its source. with_volume: it makes the volume, too."""
+
+    mode: Mode = 'default'
+    with_volume: bool = False
+
+    def compile_kernels(self, raw: bool = False, posed: bool = False) -> None:
+        """Compile the kernels for a source, where they are not on disk, with a progress line."""
+        # Here: it imports the search, which many commands that open a source do not need.
+        from pmcl_ros import warm_up as of
+        faithful = self.mode == 'faithful'
+        stages = of.FILTER if faithful else of.SEARCH
+        if self.with_volume or faithful:
+            stages += of.PLANE_SWEEP if posed else of.VOLUME
+        if raw:
+            stages += of.DECODE
+        if not (posed or faithful):
+            stages += of.EDGES
+        of.compile_ahead(STDERR, stages)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,24 +186,29 @@ class GivenSource(GivenReading):
     white: Path | None = None
     takes_raw: bool = True
 
-    def open(self) -> Opened:
-        """Read what must be there: calibration, white image, a bag."""
+    def open(self, search: Search | None = None) -> Opened:
+        """Read what must be there: calibration, white image, a bag.
+
+        search: in what is read; the kernels of both are compiled, where they are not on disk.
+        """
         reading = self._reading()
-        opened = self._open(reading)
+        opened = self._open(reading, search)
         if reading.errors is not None and not opened.posed:
             raise click.UsageError(f'{self.source} has no poses of its cameras: --sigma-mm and '
                                    '--sigma-deg are errors of such')
+        if search is not None:
+            search.compile_kernels(posed=opened.posed)
         return opened
 
     def _reading(self) -> Reading:
         return self.reading([self.source], f'{self.source} is')
 
-    def _open(self, reading: Reading) -> Opened:
+    def _open(self, reading: Reading, search: Search | None) -> Opened:
         if is_bag(self.source):
-            return self._open_bag(reading)
+            return self._open_bag(reading, search)
         if is_light_field(self.source):
             if self.source.is_dir():
-                self._check_folder(reading)
+                self._check_folder(reading, search)
             self._check_no_raw()
             return Opened(partial(reading.read, self.source), has_posed_views(self.source),
                           reading.metric is not None and reading.metric.is_given)
@@ -201,9 +228,9 @@ class GivenSource(GivenReading):
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
                                    f'--white. {OF_CAMERA}')
         self.check_of_raw()
-        return _decoded(read_raw_frame(self.source), self.calibration, self.white)
+        return _decoded(read_raw_frame(self.source), self.calibration, self.white, search)
 
-    def _open_bag(self, reading: Reading) -> Opened:
+    def _open_bag(self, reading: Reading, search: Search | None) -> Opened:
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a bag: --every and --shrink are for light '
                                    'fields and lists of pictures; of images with poses shrink is '
@@ -211,19 +238,19 @@ class GivenSource(GivenReading):
         capture = reading.read_bag(self.source)
         if isinstance(capture, RawFrame):
             return _decoded(capture, self.calibration or _configured('calibration'),
-                            self.white or _configured('white'))
+                            self.white or _configured('white'), search)
         self._check_no_raw()
         if isinstance(capture, PosedViews):  # nothing else says how many
             STDERR.print(f'{self.source}: {len(capture.views)} views, poses in the frame '
                          f'{capture.header.frame_id!r}', markup=False, soft_wrap=True)
         return Opened(lambda: capture, isinstance(capture, PosedViews))
 
-    def _check_folder(self, reading: Reading) -> None:
+    def _check_folder(self, reading: Reading, search: Search | None) -> None:
         try:
             check_folder(self.source)
         except LightFieldError:
             if any(self.source.glob('*.mcap')):
-                self._open_bag(reading)  # it is none either: what it lacks is said
+                self._open_bag(reading, search)  # it is none either: what it lacks is said
             raise
 
     def check_of_raw(self) -> None:
@@ -278,7 +305,9 @@ def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
     return Decoders(calibration, white, report, views, size)
 
 
-def _decoded(frame: RawFrame, calibration: Path, white: Path) -> Opened:
+def _decoded(frame: RawFrame, calibration: Path, white: Path, search: Search | None) -> Opened:
+    if search is not None:
+        search.compile_kernels(raw=True)
     decoders = open_decoders(Calibration.load(calibration), white)
     decoders.decoder_for(frame.metadata)
     return Opened(partial(decoders.decode, frame), serial=frame.metadata.serial)

@@ -14,6 +14,7 @@ from rich import progress
 
 from pmcl_ros.cli.base import CAMERA as ORDINARY
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, counter, results_in
+from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.pool import broken_pool
 from pmcl_ros.evaluation.recall import median, share, values
@@ -43,6 +44,7 @@ from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
+from pmcl_ros.warm_up import EDGES, SEARCH, compile_ahead
 
 _FIELDS = SequenceSettings.model_fields
 
@@ -64,6 +66,7 @@ Done = TypeVar('Done', bound=OfSeed)
 @click.option('--near', is_flag=True, help='Start beside the truth: quicker.')
 def coverage(trials: int, seed: int, near: bool) -> None:
     """Print how often the truth lies in the credible regions, on random volumes."""
+    compile_ahead(STDERR, SEARCH)
     found = list(progress.track(run_coverage(trials, seed, not near), total=trials,
                                 console=STDERR, description='volumes', transient=True))
     levels, lost = values(found, 'credible_level'), values(found, 'lost') > 0
@@ -117,6 +120,7 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     """
     written = None if out is None else results_in(out, force).path('profile_errors.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
+    compile_ahead(STDERR, (*SEARCH, *scene_stages()))
     run = partial(profile_trial, of=ProfileStudy(
         ordinary, samples, with_cad=cad, with_height=height))
     _tabulate(run, range(seed, seed + count), processes, 'vessels', summary_of_profiles, written)
@@ -152,6 +156,7 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     results, seeds = None if out is None else results_in(out, force), range(seed, seed + count)
     if results is not None:
         results.reserve('results.md', *(f'{each:06d}.png' for each in seeds))
+    compile_ahead(STDERR, (*SEARCH, *scene_stages(), *(EDGES if cameras is None else ())))
     run = partial(in_scene, count=objects, settings=settings, samples=samples,
                   plan=None if cameras is None else CameraPlan.parse(cameras))
 
@@ -229,6 +234,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     scenes = SceneSettings.make({'kinds': kinds, 'empty': 0.0, 'views': 3,
                                  'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
+    compile_ahead(STDERR, (*SEARCH, *scene_stages()))
     run = partial(in_one_scene, of=ViewGainSettings(scenes, ordinary, samples, apart, cap,
                                                     candidates))
     _tabulate(run, range(seed, seed + count), processes, 'scenes', summary_of_gains, written)
@@ -269,6 +275,7 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
     results = None if out is None else results_in(out, force)
     if results is not None:
         results.reserve('track.md', *(f'track_{k:03d}.png' for k in range(seed, seed + count)))
+    compile_ahead(STDERR, (*SEARCH, *EDGES))
     rows: list[dict[str, str]] = []
     played: list[list[Trial]] = []
     with counter() as bar:

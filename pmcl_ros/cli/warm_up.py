@@ -3,7 +3,7 @@
 import click
 
 from pmcl_ros.cli.base import STDERR
-from pmcl_ros.warm_up import CHAIN, OTHER_MODES, compile_ahead
+from pmcl_ros.warm_up import CHAIN, OTHER_MODES, Stage, Stages, compile_ahead
 
 
 @click.command('warm-up')
@@ -15,9 +15,11 @@ def warm_up(everything: bool) -> None:
     On all cores, each kernel once, into NUMBA_CACHE_DIR if that is set. After an update, or on
     another kind of processor, it is needed again. Kernels on disk are not compiled again.
     """
-    if not everything:
-        compile_ahead(STDERR)
-        return
-    # Imported here: the progress counts the kernels of imported modules.
-    from pmcl_ros.simulation.scenes.render import warm_up as scenes
-    compile_ahead(STDERR, (*CHAIN, *OTHER_MODES, scenes))
+    compile_ahead(STDERR, (*CHAIN, *OTHER_MODES, *scene_stages()) if everything else CHAIN)
+
+
+def scene_stages() -> Stages:
+    """Of generated scenes."""
+    # Imported here: it is a room of its own, and the progress counts kernels that are imported.
+    from pmcl_ros.simulation.scenes.render import warm_up as render
+    return Stage(render, ('simulation.scenes.',)),

@@ -119,15 +119,23 @@ def reporting(report: Report) -> Iterator[None]:
         _REPORTS.remove(report)
 
 
-def progress() -> tuple[int, int]:
-    """How many kernels of the modules imported so far are on disk, and how many there are."""
-    return sum(each.kept for each in _KERNELS), len(_KERNELS)
+def progress(names: str | tuple[str, ...] = '') -> tuple[int, int]:
+    """How many kernels of the modules imported so far are on disk, and how many there are.
+
+    names: what the names of those that count begin with.
+    """
+    kernels = _named(names)
+    return sum(each.kept for each in kernels), len(kernels)
 
 
-def digest() -> str:
-    """Of the kernels of the modules imported so far: what `pmcl warm-up` remembers."""
-    keys = ''.join(each.key for each in _KERNELS)
+def digest(names: str | tuple[str, ...]) -> str:
+    """Of what the machine code of kernels depends on. names: as of `progress`."""
+    keys = ''.join(sorted(each.key for each in _named(names)))
     return hashlib.sha1(keys.encode(), usedforsecurity=False).hexdigest()[:16]
+
+
+def _named(names: str | tuple[str, ...]) -> 'list[Kernel]':
+    return [each for each in _KERNELS if each.name.startswith(names)]
 
 
 class Kernel(NullCache):
