@@ -90,6 +90,32 @@ def test_package_xml_names_every_ros_package_that_is_imported():
         each for each in dependencies('exec_depend') if not each.startswith('python3-')}
 
 
+# Names with an underscore that Python documents for users.
+DOCUMENTED = {'_replace', '_exit'}
+
+
+def private_names(path):
+    """Those of others in a file: `x._name`, where x is not self, imports, and setattr of them."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Attribute):
+            own = isinstance(node.value, ast.Name) and node.value.id in ('self', 'cls')
+            names = [] if own else [node.attr]
+        elif isinstance(node, ast.ImportFrom):
+            names = [each.name for each in node.names]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith('setattr'):
+            names = [each.value.rpartition('.')[2] for each in node.args
+                     if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+        else:
+            continue
+        yield from (f'{path.relative_to(ROOT)}:{node.lineno}: {name}' for name in names
+                    if re.match('_(?!_)', name) and name not in DOCUMENTED)
+
+
+def test_no_test_reads_a_private_name():
+    assert [each for path in sorted((ROOT / 'test').rglob('*.py'))
+            for each in private_names(path)] == []
+
+
 def test_every_step_of_the_image_is_small_pinned_and_of_a_user():
     all_stages = stages()
     names = [name for _, name, _ in all_stages]

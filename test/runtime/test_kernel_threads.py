@@ -23,10 +23,22 @@ def _count(times, where, portion):
     return portion[1]
 
 
+@pytest.fixture
+def use_threads(monkeypatch):
+    """Kernels of the test run on so many threads, as if there were as many cores."""
+    before = kernel_threads.threads()
+
+    def use(number):
+        monkeypatch.setattr(kernel_threads, 'CORES', number)
+        kernel_threads.set_threads(number)
+
+    yield use
+    kernel_threads.set_threads(before)
+
+
 @pytest.mark.parametrize('count', [0, 1, 2, 3, 100])
-def test_each_round_of_a_loop_is_in_one_portion(count, monkeypatch):
-    monkeypatch.setattr(kernel_threads, 'CORES', 5)
-    monkeypatch.setattr(kernel_threads, '_threads', 5)
+def test_each_round_of_a_loop_is_in_one_portion(count, use_threads):
+    use_threads(5)
     times, where = np.zeros(count, np.int64), np.zeros(count, np.int64)
     assert _count(times, where) == [5] * 5
     np.testing.assert_array_equal(times, 1)
@@ -34,9 +46,8 @@ def test_each_round_of_a_loop_is_in_one_portion(count, monkeypatch):
     assert np.ptp(np.bincount(where, minlength=5)) <= 1  # none has more to do than others
 
 
-def test_calls_together_are_those_one_after_the_other_by_all_threads(monkeypatch):
-    monkeypatch.setattr(kernel_threads, 'CORES', 3)
-    monkeypatch.setattr(kernel_threads, '_threads', 3)
+def test_calls_together_are_those_one_after_the_other_by_all_threads(use_threads):
+    use_threads(3)
     calls = [(np.zeros(count, np.int64), np.zeros(count, np.int64)) for count in (1, 0, 7, 1)]
     assert _count.together(calls) == [[3] * 3] * len(calls)
     for times, where in calls:
@@ -46,8 +57,8 @@ def test_calls_together_are_those_one_after_the_other_by_all_threads(monkeypatch
         [(value, number, 3) for number in range(3)] for value in 'ab']
 
 
-def test_calls_of_a_single_round_are_divided_among_threads(monkeypatch):
-    monkeypatch.setattr(kernel_threads, '_threads', 2)
+def test_calls_of_a_single_round_are_divided_among_threads(use_threads):
+    use_threads(2)
     barrier = threading.Barrier(2, timeout=30)
 
     def meet(portion):

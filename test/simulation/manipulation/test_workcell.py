@@ -40,14 +40,14 @@ class Bench:
     def __init__(self, kind, seed):
         name, mass = OBJECTS[kind]
         self.model, gripper, grasps = GraspFile.read(FOLDER / f'{name}.grasps.yaml')
-        self._ranker = Ranker(self.model, gripper, grasps, GraspSettings(shoulder=SHOULDER))
+        self.ranker = Ranker(self.model, gripper, grasps, GraspSettings(shoulder=SHOULDER))
         rng = np.random.default_rng(seed)
         self.task = draw_task(rng, kind, self.model)
         self.cell = Workcell(self.task, self.model, mass, rng)
 
     def look(self):
         pose = self.cell.object_pose
-        return Sight(pose, self._ranker.rank(pose, np.diag([1e-6] * 6)).candidates)
+        return Sight(pose, self.ranker.rank(pose, np.diag([1e-6] * 6)).candidates)
 
     def above(self, height):
         """gripper_link a height above the object's origin, pointing down."""
@@ -94,7 +94,7 @@ def test_a_slip_is_tried_again_once():
         aside = np.array([0, 0.2, 0.0])
         wrong = sight.pose.copy()
         wrong[:3, 3] += aside if bench.cell.object_pose[1, 3] < 0 else -aside
-        return Sight(wrong, bench._ranker.rank(wrong, np.diag([1e-6] * 6)).candidates)
+        return Sight(wrong, bench.ranker.rank(wrong, np.diag([1e-6] * 6)).candidates)
 
     assert pick_and_place(bench.cell, bench.model, first_beside).placed
     assert len(asked) == 2
