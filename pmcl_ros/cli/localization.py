@@ -80,7 +80,7 @@ def localize_each(sources: Sequence[GivenSource], model: ObjectModel, request: R
             name = each.source
             if request.as_json:
                 found.append({'file': f'{name.parent.name}/{name.name}'}
-                             | _as_dict(run.estimate, _seconds(run)))
+                             | json_values(run.estimate, _seconds(run)))
             else:
                 click.echo(f'{name.name}: {run.estimate.describe()}')
             if results is not None:
@@ -182,7 +182,9 @@ def _seconds(run: Run[PoseEstimate]) -> dict[str, float]:
             'pmcl': run.seconds['pose']}
 
 
-def _as_dict(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float]) -> dict[str, Any]:
+def json_values(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float]
+                ) -> dict[str, Any]:
+    """What --json prints of an estimate. seconds: of the stages, by name."""
     return estimate.as_dict() | {
         'timings_ms': {name: 1e3 * each for name, each in seconds.items()}}
 
@@ -190,7 +192,7 @@ def _as_dict(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float]) 
 def _print(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float], as_json: bool
            ) -> None:
     if as_json:
-        click.echo(json.dumps(_as_dict(estimate, seconds)))
+        click.echo(json.dumps(json_values(estimate, seconds)))
     else:
         click.echo(estimate.describe())
         click.echo(', '.join(f'{name} {each:.2f} s' for name, each in seconds.items()), err=True)

@@ -16,6 +16,7 @@ import click
 import numpy as np
 import yaml
 
+from pmcl_ros.cli.localization import json_values
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera
@@ -154,10 +155,10 @@ def _files() -> Iterator[str]:
 
 def _written() -> Iterator[str]:
     """Keys of JSON that no class declares: those of what is written."""
-    scene = random_scene(np.random.default_rng(0), SceneSettings(views=1, size=32))
+    scene = random_scene(np.random.default_rng(0), SceneSettings(views=3, size=64))
     camera = ViewCamera(**dataclasses.asdict(scene.sensor.grid.pinhole))
     with TemporaryDirectory() as folder:
-        write_views(Path(folder), scene, [np.zeros((32, 32, 3), np.uint8)] * 2, camera,
+        write_views(Path(folder), scene, [np.zeros((64, 64, 3), np.uint8)] * 2, camera,
                     CameraPlan(grid=(1, 2, 0.1)), 0, digest='digest')
         truth = json.loads((Path(folder) / 'truth.json').read_text())
     yield from (f'file truth.json: {each}' for each in _keys(truth))
@@ -167,9 +168,10 @@ def _written() -> Iterator[str]:
         modes=(PoseMode(pose, 1.0, 1.0),), support=1.0, evidence=1.0, least_support=1.0,
         least_evidence=1.0, least_weight=1.0, camera_scale=CameraScale(0.0, 1.0), hidden=(1,),
         evidence_of='map', degrees_of_freedom=4.0)
-    lost = dataclasses.replace(found, lost=True)
-    for each in (found, lost, SceneEstimate.of_one('NAME', found)):
-        yield from (f'command pmcl localize --json: {key}' for key in _keys(each.as_dict()))
+    lost = dataclasses.replace(found, lost=True, support=0.0)
+    printed = [*_keys(json_values(found, {})), *_keys(json_values(lost, {})),
+               *json_values(SceneEstimate.of_one('NAME', found), {})]
+    yield from (f'command pmcl localize --json: {key}' for key in printed)
 
 
 def _keys(values: Mapping[str, Any], before: str = '') -> Iterator[str]:
