@@ -25,7 +25,7 @@ from pmcl_ros.cli.base import (
     results_in,
 )
 from pmcl_ros.cli.cameras.calibrate import run_calibration
-from pmcl_ros.cli.sources import GivenReading, reading_options
+from pmcl_ros.cli.sources import GivenReading, Search, reading_options
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.bop_captures import (
     BopCapture,
@@ -115,6 +115,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     results = None if out is None else results_in(out, force)
     if results is not None:  # first: the rest takes minutes
         results.reserve(*_RESULTS, *(_bop_name(each) for each in rows))
+    for mode in {each.search(chosen[0]).mode for each in rows.values()}:
+        Search(mode).compile_kernels(raw=any(each.picture is not None for each in chosen))
     camera = _camera(captures, chosen, calibration, white, corners, square)
     plan = TrialPlan(tuple(chosen), tuple(rows.values()), tuple(range(trials)),
                      tuple(others))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -40,6 +40,9 @@ from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
+
+if TYPE_CHECKING:
+    from pmcl_ros.warm_up import Stages
 
 PICTURE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
 _OF_BAGS = ('.mcap', '.db3')
@@ -101,8 +104,12 @@ class Search(NamedTuple):
     mode: Mode = 'default'
     with_volume: bool = False
 
-    def compile_kernels(self, raw: bool = False, posed: bool = False) -> None:
-        """Compile the kernels for a source, where they are not on disk, with a progress line."""
+    def compile_kernels(self, raw: bool = False, posed: bool = False, also: 'Stages' = ()
+                        ) -> None:
+        """Compile the kernels for a source, where they are not on disk, with a progress line.
+
+        raw, posed: kind of the source. also: what else the command needs.
+        """
         # Here: it imports the search, which many commands that open a source do not need.
         from pmcl_ros import warm_up as of
         faithful = self.mode == 'faithful'
@@ -113,7 +120,7 @@ class Search(NamedTuple):
             stages += of.DECODE
         if not (posed or faithful):
             stages += of.EDGES
-        of.compile_ahead(STDERR, stages)
+        of.compile_ahead(STDERR, (*stages, *also))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,4 +22,5 @@ def scene_stages() -> Stages:
     """Of generated scenes."""
     # Imported here: it is a room of its own, and the progress counts kernels that are imported.
     from pmcl_ros.simulation.scenes.render import warm_up as render
-    return Stage(render, ('simulation.scenes.',)),
+    return Stage(render, tuple(f'simulation.scenes.{each}.' for each in (
+        'environment', 'lamps', 'lit', 'materials', 'render', 'sampling', 'shapes', 'trace'))),

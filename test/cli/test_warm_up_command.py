@@ -9,13 +9,16 @@ import sys
 from pathlib import Path
 from shutil import copytree, ignore_patterns
 
+import click
 import numpy as np
 import pytest
 from command_line import pmcl_process
 
+from pmcl_ros.cli import main
+from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.runtime import kernels
-from pmcl_ros.warm_up import CHAIN, SEARCH
+from pmcl_ros.warm_up import CHAIN, OTHER_MODES, SEARCH
 
 BAG = Path(__file__).parents[2] / 'bags' / 'wine_glass'
 AFTERWARDS = """
@@ -72,6 +75,13 @@ def test_after_it_a_bag_is_reported_on_by_its_name_and_nothing_is_compiled(tmp_p
     assert np.linalg.norm(position - 1e3 * Truth.load(BAG / 'truth.json').pose[:3, 3]) < 20
     for told in ('A000000001', 'lytro_optical_frame', '9 x 9 of 328 x 328 px'):
         assert told in page
+
+
+def test_no_command_takes_for_missing_what_is_compiled(compiled_kernels):
+    for name in main.list_commands(click.Context(main)):
+        assert main.get_command(click.Context(main), name)  # imported, with kernels of its own
+    for stage in (*CHAIN, *OTHER_MODES, *scene_stages()):
+        assert stage.mark(compiled_kernels).exists()
 
 
 def started(*arguments):

@@ -16,6 +16,8 @@ from pmcl_ros.cli.simulations.options import (
     processed,
     simulation_options,
 )
+from pmcl_ros.cli.sources import Search
+from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
@@ -72,6 +74,8 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
                  if each not in to_make and missing(place_of(each, scenes), sets)]
     click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',
                err=True)
+    Search().compile_kernels(raw=camera == 'f01', posed=camera != 'f01',
+                             also=scene_stages() if options['renderer'] == 'fast' else ())
     one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)
     begun = time.perf_counter()
     for number, done in enumerate(processed('scenes', one, to_make + to_search, jobs, backend,

@@ -6,13 +6,15 @@ from typing import Any
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, check_scheduler, process_options
+from pmcl_ros.cli.base import FOLDER, STDERR, check_scheduler, process_options
 from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
+from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.simulation.described.ring_sheet import RingSheet
 from pmcl_ros.simulation.lytro.calibration_pictures import COUNT, write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
+from pmcl_ros.warm_up import compile_ahead
 
 
 @click.command()
@@ -41,6 +43,8 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
     simulated = Simulated.from_options(seed=seed, ring=laid, **options)
     simulation = simulated.simulation
     simulated.claim(out, seed)
+    if options['renderer'] == 'fast':
+        compile_ahead(STDERR, scene_stages())
     camera = simulation.camera
     if isinstance(camera, LytroCamera):
         for place in shown('calibration', COUNT, lambda progress: write_calibration_pictures(
