@@ -53,11 +53,11 @@ def localize_one(opened: Opened, model: ObjectModel, request: Request, truth: Pa
     pipeline = Pipeline.for_object(model, settings, request.of_volume, '--set', opened.posed)
     run = _run(pipeline, read, settings.seed, with_volume=request.results is not None)
     _print(run.estimate, _seconds(run), request.as_json)
-    _tell_of_copy(model, run.estimate)
+    _warn_of_copy(model, run.estimate)
     if run.estimate.lost and opened.scaled and isinstance(run.source, PosedViews):
         _ask_scale(run.source)
     if truth is not None:
-        _tell_error(model, run.estimate, truth)
+        _print_error(model, run.estimate, truth)
     if request.results is not None:
         request.results.remove_earlier()
         _draw_one(request.results, run, model, settings)
@@ -118,7 +118,7 @@ def _run(pipeline: Pipeline[Estimate], read: Callable[[], Source], seed: int,
             task, description=stage, completed=part), with_volume=with_volume)
 
 
-def _tell_of_copy(model: ObjectModel, estimate: PoseEstimate) -> None:
+def _warn_of_copy(model: ObjectModel, estimate: PoseEstimate) -> None:
     other = copy_beside(model, estimate)
     if other is not None:
         _LOG.warning('at (%.4f, %.4f, %.4f) m is a pose with %.0f %% of the evidence: is there '
@@ -132,7 +132,7 @@ def _ask_scale(views: PosedViews) -> None:
                  'to %.3g m apart', pdist(places).max(initial=0))
 
 
-def _tell_error(model: ObjectModel, estimate: PoseEstimate, truth: Path) -> None:
+def _print_error(model: ObjectModel, estimate: PoseEstimate, truth: Path) -> None:
     known = Truth.load(truth)
     error = pose_error(estimate.pose, known.pose, model.symmetry)
     click.echo(f'the object is not there, says {truth}' if known.empty else

@@ -35,13 +35,13 @@ from pmcl_ros.lightfield.readers.read import (
 )
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.pmcl.settings import Mode
 from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
 
 if TYPE_CHECKING:
+    from pmcl_ros.pmcl.settings import Mode
     from pmcl_ros.warm_up import Stages
 
 PICTURE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
@@ -101,7 +101,7 @@ class Opened(NamedTuple):
 class Search(NamedTuple):
     """What a command does with its source. with_volume: it makes the volume, too."""
 
-    mode: Mode = 'default'
+    mode: 'Mode' = 'default'
     with_volume: bool = False
 
     def compile_kernels(self, raw: bool = False, posed: bool = False, also: 'Stages' = ()

@@ -70,14 +70,14 @@ def decoded(data: bytes, flags: int) -> NDArray[Any]:
     except cv2.error as error:
         raise PictureError(f'the picture cannot be decoded: {error.err}') from None
     if 1 < (turned := _orientation(data)) <= 8:
-        tell_orientation(turned)
+        log_orientation(turned)
     if pixels is None:
         raise PictureError(f'it is no complete picture that OpenCV reads ({_KNOWN})')
     return np.asarray(pixels)
 
 
 @cache
-def tell_orientation(orientation: int) -> None:
+def log_orientation(orientation: int) -> None:
     """Warn, once for each orientation."""
     _LOG.warning('pictures have the EXIF orientation %d, which is not applied: intrinsics and '
                  'poses must be those of the pixels as they are stored', orientation)

@@ -13,9 +13,9 @@ from pmcl_ros.runtime.errors import PictureError
 from pmcl_ros.runtime.picture_file import (
     MOST_PIXELS,
     decoded,
+    log_orientation,
     read_picture_file,
     read_picture_size,
-    tell_orientation,
 )
 
 FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
@@ -59,7 +59,7 @@ def test_a_tiff_of_several_pages_is_refused(tmp_path):
 @pytest.mark.parametrize('orientation', range(1, 9))
 def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation, caplog):
     """Intrinsics and poses are those of the sensor, as of COLMAP."""
-    tell_orientation.cache_clear()
+    log_orientation.cache_clear()
     plain = encoded('.jpg')
     one_tag = b'II*\0' + struct.pack('<IHHHIII', 8, 1, 0x112, 3, 1, orientation, 0)
     exif = b'Exif\0\0' + one_tag
