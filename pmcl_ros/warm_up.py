@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
@@ -32,6 +33,7 @@ from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime import kernels
+from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.resources import resolve
 
 _LINE_EVERY = 5.0  # s: between lines where the output is a log, not a terminal
@@ -131,7 +133,7 @@ def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
     """Compile the kernels that are not on disk yet, on all cores, with a progress line.
 
     Where all are, and where none can be kept, this takes milliseconds and prints nothing.
-    Call it before there are threads: it forks.
+    Call it before there are threads: it forks. Raises PmclError where a process is killed.
     """
     folder = kernels.cache_folder()
     if folder is None:
@@ -160,8 +162,12 @@ def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
                 if name and not console.is_terminal and time.monotonic() > line:
                     console.print(f'compiling kernels: {count} of {total}, {name}')
                     line = time.monotonic() + _LINE_EVERY
-        for each in futures:
-            each.result()
+        try:
+            for each in futures:
+                each.result()
+        except BrokenProcessPool:
+            raise PmclError('a process that compiled kernels was killed, probably for lack of '
+                            'memory; start again: what is compiled is kept') from None
     for stage in missing:
         stage.mark(folder).touch()
     if count := kernels.progress(names)[0] - before:
