@@ -1,5 +1,6 @@
 """What the trials of simulated scenes say: shares with intervals, causes, a recommendation."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ LEAST = 10  # trials of a cell; fewer say nothing
 _DISTANCES = 3  # ranges of the distance at most, with as many scenes each
 _UPSIDE_DOWN, _BESIDE = 150.0, 40.0  # degrees and mm off: the object stands on its head there
 _CLOSE_CALL = 5.0  # nat: poses whose evidence differs by less look alike
+_ALIKE = 'upright and upside down look alike'
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,16 @@ def worst(trials: Sequence[Trial], count: int) -> list[Trial]:
 
 
 def causes(trials: Sequence[Trial], aim: Aim) -> list[str]:
-    """Why poses are not good enough, with how many scenes; most frequent first."""
-    counts = Counter(_cause(each) for each in present(trials) if not aim.reached(each))
-    return [f'{cause} ({count})' for cause, count in counts.most_common()]
+    """Why poses are not good enough, with how many scenes; most frequent first.
+
+    Of poses that look alike, the largest difference of their evidence is told [nat].
+    """
+    missed = [(_cause(each), abs(each.extra['gap'])) for each in present(trials)
+              if not aim.reached(each)]
+    counts = Counter(cause for cause, _ in missed)
+    apart = max((gap for cause, gap in missed if cause == _ALIKE), default=0.0)
+    words = {_ALIKE: f'{_ALIKE} within {math.ceil(apart)} nat'}
+    return [f'{words.get(cause, cause)} ({count})' for cause, count in counts.most_common()]
 
 
 def _cause(trial: Trial) -> str:
@@ -129,7 +138,7 @@ def _cause(trial: Trial) -> str:
         return 'the pose is right, but its contours are too faint to be sure'
     if (trial.symmetric and trial.axis_deg > _UPSIDE_DOWN and trial.translation_mm < _BESIDE
             and abs(trial.extra['gap']) <= _CLOSE_CALL):
-        return 'upright and upside down look alike'
+        return _ALIKE
     if trial.extra['gap'] > _CLOSE_CALL:
         return 'something else looks more like the object'
     if trial.extra['gap'] < -_CLOSE_CALL:

@@ -75,7 +75,7 @@ def test_causes_tell_look_alikes_from_faint_contours() -> None:
             trial(4, 80, 60, gap=-30.0), trial(5), trial(6, 8), trial(7, 9), trial(8, 9)]
     assert causes(some, Aim()) == [
         'found, but not exactly enough (3)',
-        'upright and upside down look alike (2)',
+        'upright and upside down look alike within 5 nat (2)',
         'the pose is right, but its contours are too faint to be sure (1)',
         'something else looks more like the object (1)', 'the search missed the true pose (1)']
 
@@ -88,7 +88,7 @@ def test_the_fewest_views_that_are_good_enough_are_recommended() -> None:
     assert said.startswith('Three views over 30 degrees: 100 % (20 of 20; 84 to 100 %) within '
                            '3 mm and 5 degrees.')
     assert ('One view is not enough: 70 % (14 of 20; 48 to 85 %); upright and upside down look '
-            'alike (6).') in said
+            'alike within 2 nat (6).') in said
     assert recommendation([ONE, THREE], {ONE.name: good, THREE.name: good},
                           Aim()).startswith('One view: 100 %')
     none = recommendation([ONE, THREE], {ONE.name: poor, THREE.name: poor}, Aim())
