@@ -18,7 +18,7 @@ from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.outputs import replacing
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import DIRECTIONS, contour_labels
-from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.path_tracing.render import physical, prepare
 from pmcl_ros.simulation.photograph import MARGIN, photograph
 from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
@@ -196,7 +196,9 @@ def write_many(folder: Path, seeds: range, settings: PictureSettings, jobs: int 
     backend: of joblib, 'loky' (processes of this machine) or 'dask' (workers of the cluster at
     the address `scheduler`, which see the same folder). Raises PmclError where a library lacks.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     missing = [seed for seed in seeds if not path_of(folder, seed).exists()]
+    if missing and settings.renderer == 'physical':
+        prepare()
+    folder.mkdir(parents=True, exist_ok=True)
     yield from run_all(partial(write_labelled, folder.resolve(), settings=settings), missing,
                        jobs, backend, scheduler)

@@ -27,7 +27,7 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.outputs import write_file
-from pmcl_ros.simulation.simulated_captures import Simulation, is_there, place_of, simulate
+from pmcl_ros.simulation.simulated_captures import Simulation, place_of, simulate
 
 _PLAN = 'arc:3:30'
 NAME = 'feasibility.html'
@@ -67,9 +67,9 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
     written = results_in(out, force).path(NAME)
     model, sets = ObjectModel.load(object_file), view_sets(of.plan)
     scenes = out / 'scenes'
-    simulated.claim(scenes, seed)
     seeds = range(seed, seed + count)
-    to_make = [each for each in seeds if force or not is_there(place_of(each, scenes))]
+    to_make = simulated.to_make(seeds, scenes, force)
+    simulated.claim(scenes, seed)
     to_search = [each for each in seeds
                  if each not in to_make and missing(place_of(each, scenes), sets)]
     click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',

@@ -17,6 +17,7 @@ import numpy as np
 from pmcl_ros import __version__
 from pmcl_ros.cli.base import OBJECT, counter, with_options
 from pmcl_ros.evaluation.feasibility.findings import Aim
+from pmcl_ros.lightfield.posed_view import LEAST_SIDE
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_json
@@ -33,7 +34,7 @@ from pmcl_ros.simulation.described.surroundings import (
 from pmcl_ros.simulation.described.wet_places import tank_distance
 from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
-from pmcl_ros.simulation.path_tracing.render import physical, physical_along
+from pmcl_ros.simulation.path_tracing.render import physical, physical_along, prepare
 from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.random_scene import random_sensor
@@ -41,13 +42,14 @@ from pmcl_ros.simulation.scenes.rays import RayRenderer, fast_along
 from pmcl_ros.simulation.scenes.render import Renderer, fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
-from pmcl_ros.simulation.simulated_captures import NOTE, Simulation
+from pmcl_ros.simulation.simulated_captures import NOTE, Simulation, is_there, place_of
 
 _REST = 'all that is simulated'  # its digest: what has no name in the note
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
 # Samples are of a raw pixel: one view's pixel gathers those of some ten.
 _ALONG: dict[str, tuple[RayRenderer, int]] = {
     'fast': (fast_along, 4), 'physical': (physical_along, 16)}
+RAW_CAMERA = LytroCamera()  # of --camera f01-raw
 Result = TypeVar('Result')
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _CLEARANCE = 0.02  # m: between an object and the camera, at least
@@ -159,13 +161,16 @@ class Simulated:
             if plan is not None:
                 raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
             if camera == F01_RAW:
-                seen_by, usual, pictures = LytroCamera(), usual_raw, 'raw pictures'
+                seen_by, usual, pictures = RAW_CAMERA, usual_raw, 'raw pictures'
                 values |= {'field': seen_by.field}
         else:
             if not Path(camera).is_file():
                 raise SettingsError(f'--camera {camera}: there is no such file; a YAML with '
                                     f'width, height, fx, cx, cy, or {F01} or {F01_RAW}')
             seen_by = OrdinaryCamera.load(Path(camera))
+            if min(seen_by.width, seen_by.height) < LEAST_SIDE:
+                raise SettingsError(f'--camera {camera}: its pictures have {seen_by.width}x'
+                                    f'{seen_by.height} px; {LEAST_SIDE} a side are needed')
             values |= {'field': min(seen_by.field, 1.5)}
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
@@ -184,6 +189,16 @@ class Simulated:
             'surroundings': ', '.join(surroundings),
             'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
             'seeds': f'from {seed}'})
+
+    def to_make(self, seeds: Sequence[int], folder: Path, force: bool) -> list[int]:
+        """The seeds whose scenes a folder lacks; with `force` all. Loads the renderer for them.
+
+        Raises SimulationError where that does not run here.
+        """
+        left = [seed for seed in seeds if force or not is_there(place_of(seed, folder))]
+        if left and self.simulation.renderer is physical:
+            prepare(along=isinstance(self.simulation.camera, LytroCamera))
+        return left
 
     def claim(self, folder: Path, seed: int) -> None:
         """Make a folder for scenes, and note what they are of.

@@ -42,6 +42,8 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
             else RingSheet.from_ring(CharucoRing.parse(ring, square)))
     simulated = Simulated.from_options(seed=seed, ring=laid, **options)
     simulation = simulated.simulation
+    seeds = range(seed, seed + count)
+    simulated.to_make(seeds, out, force)  # first: what cannot be made takes no folder
     simulated.claim(out, seed)
     if options['renderer'] == 'fast':
         compile_ahead(STDERR, scene_stages())
@@ -51,5 +53,5 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
                 out, camera, force, progress)):
             click.echo(place)
     one = partial(simulate_one, folder=out.resolve(), of=simulation, force=force)
-    for place in processed('scenes', one, range(seed, seed + count), jobs, backend, scheduler):
+    for place in processed('scenes', one, seeds, jobs, backend, scheduler):
         click.echo(place)

@@ -63,11 +63,19 @@ def physical_along(scene: Scene) -> LightAlong:
 
     Raises SimulationError where Mitsuba is missing or not compiled, and as `to_mitsuba`.
     """
-    loaded = to_mitsuba(scene)
-    if not is_compiled():
+    prepare(along=True)
+    return partial(light_along, to_mitsuba(scene))
+
+
+def prepare(along: bool = False) -> None:
+    """Load Mitsuba ahead of the first scene.
+
+    along: for `physical_along`. Raises SimulationError where that, or `physical`, does not run.
+    """
+    mitsuba()
+    if along and not is_compiled():
         raise SimulationError('raw pictures by path tracing need an LLVM library: apt install '
                               'libllvm15 or newer, or choose --renderer fast')
-    return partial(light_along, loaded)
 
 
 def light_along(loaded: Any, origins: NDArray[np.float64], directions: NDArray[np.float64],

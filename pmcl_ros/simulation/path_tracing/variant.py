@@ -2,6 +2,7 @@
 
 import logging
 from functools import cache
+from multiprocessing import parent_process
 from types import ModuleType
 
 from numba import config
@@ -17,7 +18,8 @@ _VARIANTS = {'llvm_ad_rgb': 'compiled for this processor by LLVM',
 @cache
 def mitsuba() -> ModuleType:
     """The module, its variant set: `llvm_ad_rgb` where an LLVM library is found, else
-    `scalar_rgb`. Which one is logged once. It has as many threads as numba.
+    `scalar_rgb`. Which one is logged once, the slow one as a warning. It has as many threads as
+    numba.
 
     Raises SimulationError where Mitsuba is not installed.
     """
@@ -33,7 +35,9 @@ def mitsuba() -> ModuleType:
     threads: int = config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     drjit.set_thread_count(threads)  # one in a process of a pool
     module.set_log_level(module.LogLevel.Error)
-    _LOG.info('Mitsuba %s, %s: %s', module.__version__, name, _VARIANTS[name])
+    warns = not has_llvm and parent_process() is None  # processes of a pool say it no more
+    _LOG.log(logging.WARNING if warns else logging.INFO, 'Mitsuba %s, %s: %s',
+             module.__version__, name, _VARIANTS[name])
     return module
 
 

@@ -20,9 +20,10 @@ from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.simulation.path_tracing.variant import mitsuba
 
 CAMERA = {'width': 160, 'height': 120, 'fx': 150.0, 'cx': 79.5, 'cy': 59.5}
-SMALL = {'width': 32, 'height': 24, 'fx': 30.0, 'cx': 15.5, 'cy': 11.5}  # of the same view
+SMALL = {'width': 44, 'height': 33, 'fx': 41.25, 'cx': 21.5, 'cy': 16.0}  # of the same view
 
 
 @pytest.fixture
@@ -201,27 +202,64 @@ def test_another_process_goes_on(tumbler: Path) -> None:
 
 def test_what_is_impossible_is_one_line(tumbler: Path) -> None:
     out = ('-o', str(tumbler.parent / 'out'))
+    low = tumbler.with_name('low.yaml')
+    low.write_text(yaml.safe_dump(CAMERA | {'height': 31}))
     for options, line in (
+            (('--camera', str(low)), '160x31 px; 32 a side are needed'),
             (('--region', 'here'), 'expected NEAR:FAR'),
             (('--region', '0.7:0.35'), 'NEAR is beyond FAR'),
             (('--camera', 'none.yaml'), '--camera none.yaml: there is no such file')):
-        made = run(tumbler, 'feasibility', *options, *out)
-        assert made.exit_code == 1
-        assert line in made.output
-        assert made.output.count('\n') == 1
+        for command in ('simulate', 'feasibility'):
+            made = run(tumbler, command, *options, *out)
+            assert made.exit_code == 1
+            assert line in made.output
+            assert made.output.count('\n') == 1
+    assert not (tumbler.parent / 'out').exists()
 
 
-def test_without_the_extra_it_says_what_to_install(tumbler: Path,
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    from pmcl_ros.simulation.path_tracing.variant import mitsuba
+@pytest.mark.parametrize('command', [
+    'simulate {object} --camera {camera}', 'simulate {object} --camera f01-raw',
+    'feasibility {object} --camera {camera}', 'scenes pictures --renderer physical'])
+def test_without_the_extra_it_says_what_to_install(tumbler: Path, monkeypatch: pytest.MonkeyPatch,
+                                                   command: str) -> None:
+    out = tumbler.parent / 'out'
     mitsuba.cache_clear()
     monkeypatch.setitem(sys.modules, 'mitsuba', None)
-    made = run(tumbler, 'simulate', '--count', '1', '-o', str(tumbler.parent / 'out'))
+    made = CliRunner().invoke(main, [*command.format(
+        object=tumbler, camera=tumbler.with_name('camera.yaml')).split(), '-o', str(out)])
     mitsuba.cache_clear()
     assert made.exit_code == 1
-    assert "pip install 'pmcl_ros[simulate]'" in made.output
+    assert made.output.strip() == ('Error: physically based pictures need Mitsuba 3: pip install '
+                                   "'pmcl_ros[simulate]'")
+    assert not list(out.glob('*'))
+
+
+def test_without_llvm_it_is_said_once_and_raw_pictures_are_refused_before_any_is_made(
+        tumbler: Path) -> None:
+    pytest.importorskip('mitsuba')
+    camera, out = tumbler.with_name('camera.yaml'), tumbler.parent / 'out'
+    camera.write_text(yaml.safe_dump(SMALL))
+    command = ['simulate', str(tumbler), '--samples', '1', '--count', '2', '-o', str(out)]
+    made = subprocess.run(
+        [sys.executable, '-c', f"""from pathlib import Path
+from pmcl_ros.cli import main
+try:
+    main({[*command, '--camera', 'f01-raw']})
+except SystemExit as error:
+    assert error.code == 1
+assert not Path({str(out)!r}).exists()
+main({[*command, '--camera', str(camera)]})"""],
+        env=os.environ | {'DRJIT_LIBLLVM_PATH': os.devnull}, capture_output=True, text=True,
+        timeout=300)
+    assert made.returncode == 0, made.stderr
+    assert made.stdout.splitlines() == [str(out / '000000'), str(out / '000001')]
+    lines = made.stderr.splitlines()
+    number, = (number for number, line in enumerate(lines) if 'scalar_rgb' in line)
+    assert 'WARNING' in lines[number]
+    assert 'apt install libllvm15 or newer' in lines[number]
+    assert lines[number + 1] == (
+        'Error: raw pictures by path tracing need an LLVM library: apt install libllvm15 or '
+        'newer, or choose --renderer fast')
 
 
 def test_what_cannot_be_drawn_takes_no_folder(tumbler: Path) -> None:
