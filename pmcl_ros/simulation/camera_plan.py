@@ -58,12 +58,16 @@ class CameraPlan(Settings):
                 check_pose(pose, f'pose {place}')
         except LightFieldError as error:
             raise ValueError(str(error)) from None
-        number = (self.arc[0] if self.arc else self.grid[0] * self.grid[1] if self.grid
-                  else len(self.poses))
-        if self.hidden > number:
-            raise ValueError(f'{self.hidden} hidden views of {number}: set hidden to {number} at '
-                             'most')
+        if self.hidden > self.count:
+            raise ValueError(f'{self.hidden} hidden views of {self.count}: set hidden to '
+                             f'{self.count} at most')
         return self
+
+    @property
+    def count(self) -> int:
+        """Number of cameras."""
+        return (self.arc[0] if self.arc else self.grid[0] * self.grid[1] if self.grid
+                else len(self.poses))
 
     @classmethod
     def parse(cls, text: str) -> 'CameraPlan':

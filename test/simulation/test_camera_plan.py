@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.truth import Truth
@@ -112,6 +113,30 @@ def test_the_command_writes_posed_views_that_are_read_again(tmp_path):
         before = np.linalg.inv(each.camera_to_reference) @ truth.pose
         assert 0.3 < before[2, 3] < 0.9
     np.testing.assert_allclose(truth.roi_center, truth.pose[:3, 3], atol=0.06)
+
+
+def test_a_list_of_poses_is_where_pictures_are_taken(tmp_path, scene):
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_euler('y', 10, degrees=True).as_matrix()
+    turned[:3, 3] = 0.06, -0.01, 0.02
+    plan, camera = tmp_path / 'plan.yaml', tmp_path / 'camera.yaml'
+    # Four rows of four, and 16 numbers.
+    plan.write_text(str({'poses': [np.eye(4).tolist(), turned.ravel().tolist()]}))
+    camera.write_text(str(CAMERA))
+    cameras = CameraPlan.parse(str(plan)).cameras(scene)
+    np.testing.assert_allclose(cameras, [np.eye(4), turned])
+    command = ['scenes', 'render', '--camera', str(camera), '--count', '1', '--seed', '5',
+               '--samples', '1', '--kind', 'opaque']
+    for chosen in ([], ['--cameras', str(plan)]):
+        made = CliRunner().invoke(main, [*command, *chosen, '-o',
+                                         str(tmp_path / str(len(chosen)))])
+        assert made.exit_code == 0, made.output
+    first, second = read_source(tmp_path / '2' / '000005').views
+    apart = np.linalg.inv(first.camera_to_reference) @ second.camera_to_reference
+    np.testing.assert_allclose(apart, turned, atol=1e-9)
+    alone = read_source(tmp_path / '0' / '000005').picture
+    np.testing.assert_array_equal(first.picture, alone)  # that of the scene's own camera
+    assert np.abs(second.picture - alone).mean() > 0.02
 
 
 def test_a_plan_that_is_not_there_is_told():

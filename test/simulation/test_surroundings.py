@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -20,6 +21,7 @@ from pmcl_ros.simulation.described.water import standing_in_water, submerged, wa
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.objects import SceneObject
+from pmcl_ros.simulation.scenes.render import fast, first_surfaces
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh
 from pmcl_ros.simulation.scenes.trace import nearest
@@ -194,6 +196,49 @@ def test_an_object_is_seen_where_its_pose_says(describe, surroundings):
     assert np.abs(seen - unseen).max() > 20
     again = described_scene(np.random.default_rng(4), thing, surroundings, sensor, UPRIGHT)
     np.testing.assert_array_equal(seen, take_picture(again, CAMERA, np.random.default_rng(0), 4))
+
+
+def _light(scene, solids=None, sheets=None):
+    """(36, 48, 3) without noise; of these numbers of solids, and these sheets, alone."""
+    solids = range(len(scene.solids)) if solids is None else solids
+    shown = replace(scene, solids=tuple(scene.solids[k] for k in solids),
+                    owners=tuple(scene.owners[k] for k in solids),
+                    sheets=scene.sheets if sheets is None else sheets)
+    return fast(shown)(scene.sensor, 0, 0, 0, 4, 1)
+
+
+@pytest.mark.parametrize('seed', [30, 36])  # the jet is in view
+def test_running_water_is_in_the_picture(describe, seed):
+    """Where the jet's surface is the first; elsewhere little changes, as by what is mirrored."""
+    scene = described_scene(np.random.default_rng(seed), describe(), 'sink', _sensor(), UPRIGHT)
+    numbers = np.arange(len(scene.solids))
+    jet = len(numbers) - 3  # before the spout and its arm
+    assert scene.solids[jet].media == (WATER,)
+    jets = first_surfaces(World.from_scene(scene), CAMERA.pinhole, numbers)[0] == jet
+    assert jets.sum() > 20
+    whole = _light(scene)
+    changed = np.abs(whole - _light(scene, np.delete(numbers, jet))).mean(axis=2) / whole.mean()
+    assert (changed[jets] > 0.01).mean() > 0.95
+    assert changed[jets].mean() > 3 * changed[~jets].mean()
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_a_film_is_in_the_picture(describe, seed):
+    """Where it is between the camera and the tank; elsewhere little changes."""
+    scene = described_scene(np.random.default_rng(seed), describe(), 'tank', _sensor(), UPRIGHT)
+    film, = (each for each in scene.sheets if each.opacity < 1)
+    rest = tuple(each for each in scene.sheets if each is not film)
+    corners = np.array([[x, y, 0, 1] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))], float)
+    corners[:, :2] *= np.array(film.size) / 2
+    outline = CAMERA.pinhole.project((corners @ film.pose.T)[:, :3])
+    covered = cv2.fillConvexPoly(np.zeros((36, 48), np.uint8),
+                                 np.rint(outline).astype(np.int32), 1)
+    whole = _light(scene)
+    changed = np.abs(whole - _light(scene, sheets=rest)).mean(axis=2) / whole.mean()
+    inside = cv2.erode(covered, np.ones((3, 3))) > 0
+    outside = cv2.dilate(covered, np.ones((3, 3))) == 0
+    assert (changed[inside] > 0.01).mean() > 0.99
+    assert changed[inside].mean() > 3 * changed[outside].mean()
 
 
 @pytest.mark.parametrize(('surroundings', 'attitude'), [
