@@ -9,11 +9,13 @@ from typing import Any
 import click
 
 from pmcl_ros.cli.base import FOLDER, check_scheduler, process_options, results_in
+from pmcl_ros.cli.simulations.estimate import Work
 from pmcl_ros.cli.simulations.options import (
     Simulated,
     aim_options,
     minutes,
     processed,
+    shown,
     simulation_options,
 )
 from pmcl_ros.cli.sources import Search
@@ -27,6 +29,8 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.outputs import write_file
+from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
+from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.simulated_captures import Simulation, place_of, simulate
 
 _PLAN = 'arc:3:30'
@@ -55,12 +59,10 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
     apart, by distance and surroundings, and what to mount.
     """
     check_scheduler(backend, scheduler)
-    if camera == 'f01-raw':
-        raise click.UsageError('--camera f01-raw: a study takes light fields, f01; pmcl simulate '
-                               'and pmcl evaluate take raw pictures')
-    if camera == 'f01' and plan is not None:
+    is_lytro = camera in (F01, F01_RAW)
+    if is_lytro and plan is not None:
         raise click.UsageError(f'--cameras {plan}: several poses are of an ordinary camera')
-    wanted = None if camera == 'f01' else plan or _PLAN
+    wanted = None if is_lytro else plan or _PLAN
     simulated = Simulated.from_options(wanted, object_file=object_file, camera=camera, seed=seed,
                                        **options)
     of = simulated.simulation
@@ -74,8 +76,11 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
                  if each not in to_make and missing(place_of(each, scenes), sets)]
     click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',
                err=True)
-    Search().compile_kernels(raw=camera == 'f01', posed=camera != 'f01',
+    Work(len(to_make), len(sets) * (len(to_make) + len(to_search))).tell(of, jobs, backend)
+    Search().compile_kernels(raw=is_lytro, posed=not is_lytro,
                              also=scene_stages() if options['renderer'] == 'fast' else ())
+    if isinstance(of.camera, LytroCamera) and (to_make or to_search):
+        _calibrated(scenes, of.camera, force)
     one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)
     begun = time.perf_counter()
     for number, done in enumerate(processed('scenes', one, to_make + to_search, jobs, backend,
@@ -96,6 +101,13 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
     click.echo(table(*study.table()))
     click.echo(f'\n{study.recommendation}')
     click.echo(written)
+
+
+def _calibrated(scenes: Path, camera: LytroCamera, force: bool) -> None:
+    """Write what raw pictures are decoded by."""
+    for _ in shown('white image', 1, lambda progress: [
+            write_calibration(scenes, camera, force, progress)]):
+        pass
 
 
 def _studied(seed: int, folder: Path, of: Simulation, model: ObjectModel,

@@ -7,11 +7,16 @@ from typing import Any
 import click
 
 from pmcl_ros.cli.base import FOLDER, STDERR, check_scheduler, process_options
+from pmcl_ros.cli.simulations.estimate import Work
 from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
 from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.simulation.described.ring_sheet import RingSheet
-from pmcl_ros.simulation.lytro.calibration_pictures import COUNT, write_calibration_pictures
+from pmcl_ros.simulation.lytro.calibration_pictures import (
+    COUNT,
+    pictures_to_make,
+    write_calibration_pictures,
+)
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 from pmcl_ros.warm_up import compile_ahead
@@ -43,11 +48,13 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
     simulated = Simulated.from_options(seed=seed, ring=laid, **options)
     simulation = simulated.simulation
     seeds = range(seed, seed + count)
-    simulated.to_make(seeds, out, force)  # first: what cannot be made takes no folder
+    scenes = simulated.to_make(seeds, out, force)  # first: what cannot be made takes no folder
     simulated.claim(out, seed)
     if options['renderer'] == 'fast':
         compile_ahead(STDERR, scene_stages())
     camera = simulation.camera
+    Work(len(scenes), calibration=pictures_to_make(out, force) if isinstance(camera, LytroCamera)
+         else 0).tell(simulation, jobs, backend)
     if isinstance(camera, LytroCamera):
         for place in shown('calibration', COUNT, lambda progress: write_calibration_pictures(
                 out, camera, force, progress)):

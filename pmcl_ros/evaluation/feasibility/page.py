@@ -14,12 +14,12 @@ from pmcl_ros.drawing.charts import Chart, Line, draw
 from pmcl_ros.drawing.pictures import contact_sheet, displayed, outlines
 from pmcl_ros.evaluation.feasibility import findings
 from pmcl_ros.evaluation.feasibility.findings import Aim
+from pmcl_ros.evaluation.feasibility.scene_trials import read_scene
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
 from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 _WORST, _SHOWN = 4, 6  # pictures of bad cases, and of scenes
@@ -116,7 +116,7 @@ def _worst(of: Feasibility) -> list[tuple[Markup, str]]:
 
 def _picture(folder: Path, trial: Trial) -> tuple[NDArray[np.uint8], Pinhole]:
     """The picture in whose frame the trial's poses are."""
-    source = read_source(folder / f'{trial.seed:06d}')
+    source = read_scene(folder / f'{trial.seed:06d}')
     if isinstance(source, PosedViews):
         source = source.views[trial.extra['picture']]
     return displayed(source), source.pinhole

@@ -4,13 +4,17 @@ import json
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
 from pmcl_ros.evaluation.trials import Trial, evidence_beside_truth
 from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.pipeline import Pipeline
@@ -35,13 +39,29 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
     """
     kept = _whole(folder)
     if left := missing(folder, sets):
-        source, truth = read_source(folder), Truth.load(folder / 'truth.json')
+        source, truth = read_scene(folder), Truth.load(folder / 'truth.json')
         for each in left:
             kept[each.name] = _trial(source, truth, model, each, int(folder.name))
             with Results(folder, 'feasibility', force) as out:
                 write_file(out.path(NAME), json.dumps(
                     {name: asdict(trial) for name, trial in kept.items()}, indent=1) + '\n')
     return _from_one_camera([kept[each.name] for each in sets])
+
+
+def read_scene(folder: Path) -> Source:
+    """The light field or the views of a simulated scene.
+
+    A raw picture is decoded by calibration.yaml and white/ beside the folder. Raises as
+    `read_source`, and PmclError where a raw picture has no such files.
+    """
+    if not any(is_picture(each) for each in folder.iterdir()):
+        return read_source(folder)
+    return _decoders(folder.parent).decode(read_raw_frame(list_pictures(folder)[0]))
+
+
+@lru_cache(1)
+def _decoders(folder: Path) -> Decoders:
+    return Decoders(Calibration.load(folder / 'calibration.yaml'), folder / 'white')
 
 
 def missing(folder: Path, sets: Sequence[ViewSet]) -> list[ViewSet]:

@@ -118,6 +118,12 @@ def write_calibration_pictures(folder: Path, camera: LytroCamera, force: bool = 
         yield place
 
 
+def pictures_to_make(folder: Path, force: bool = False) -> int:
+    """How many of the `COUNT` pictures `write_calibration_pictures` makes."""
+    names = 'white', *(f'board{number}' for number in range(1, COUNT))
+    return sum(force or not is_there(folder / each) for each in names)
+
+
 def _write(folder: Path, frame: RawFrame, truth: dict[str, object], force: bool) -> None:
     with Results(folder, _COMMAND, force) as out:
         out.reserve('IMG.TXT')

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -140,12 +141,33 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert (out / 'scenes' / '000001' / 'trials.json').exists()
     same = run(tumbler, 'feasibility', '--scenes', '2', *options)
     assert '0 of 2 scenes to make, 0 more to search in\n' in same.output
+    assert 'about' not in same.output
     other = run(tumbler, 'feasibility', '--scenes', '1', '--region', '0.5:0.6', *options)
     assert other.exit_code == 1
     assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
     tumbler.write_text(tumbler.read_text().replace('0.0025', '0.003'))
     other = run(tumbler, 'feasibility', '--scenes', '1', *options)
     assert 'scenes of another simulation: object, camera or settings have' in other.output
+
+
+def test_the_time_is_told_before_the_first_scene(tumbler: Path) -> None:
+    """Here the first scene is refused: a file is in its way."""
+    out = tumbler.parent / 'out'
+    for command, options, file, told in (
+            ('simulate', (), 'out/000000/view.png', ''),
+            ('feasibility', (), 'out/scenes/000000/000.png', '20 of 20 scenes to make, 0 more to '
+             'search in\n'),
+            ('simulate', ('--camera', 'f01-raw'), 'out/calibration.yaml',
+             'raw pictures take long: ')):
+        in_the_way = tumbler.parent / file
+        in_the_way.parent.mkdir(parents=True)
+        in_the_way.write_text('mine')
+        made = run(tumbler, command, '--renderer', 'fast', *options, '-o', str(out))
+        assert made.exit_code == 1
+        before, after = re.split(r'about \d+ (?:s|min) to \d+ (?:s|min)\n', made.output)
+        assert before == told
+        assert f'{in_the_way} is there already' in after
+        shutil.rmtree(out)
 
 
 def test_made_anew_by_two_processes_it_has_the_digits_of_one(tumbler: Path) -> None:
