@@ -1,7 +1,7 @@
 """`pmcl feasibility`: will it work for this object and this camera?"""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -105,9 +105,10 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
 
 def _calibrated(scenes: Path, camera: LytroCamera, force: bool) -> None:
     """Write what raw pictures are decoded by."""
-    for _ in shown('white image', 1, lambda progress: [
-            write_calibration(scenes, camera, force, progress)]):
-        pass
+    def work(progress: Callable[[float], None]) -> Iterator[Path]:
+        write_calibration(scenes, camera, force, progress)
+        yield scenes
+    list(shown('white image', 1, work))
 
 
 def _studied(seed: int, folder: Path, of: Simulation, model: ObjectModel,
