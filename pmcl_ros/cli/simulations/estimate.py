@@ -39,7 +39,7 @@ class Work:
         white = _WHITE_RAY * _CALIBRATION * _pixels(of)
         return self.scenes * scene + self.calibration * white + self.searches * _SEARCH
 
-    def tell(self, of: Simulation, jobs: int, backend: str) -> None:
+    def print_time(self, of: Simulation, jobs: int, backend: str) -> None:
         """Print about how long it takes, unless nothing is left."""
         if not (self.scenes or self.searches or self.calibration):
             return

@@ -76,7 +76,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
                  if each not in to_make and missing(place_of(each, scenes), sets)]
     click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',
                err=True)
-    Work(len(to_make), len(sets) * (len(to_make) + len(to_search))).tell(of, jobs, backend)
+    Work(len(to_make), len(sets) * (len(to_make) + len(to_search))).print_time(of, jobs, backend)
     Search().compile_kernels(raw=is_lytro, posed=not is_lytro,
                              also=scene_stages() if options['renderer'] == 'fast' else ())
     if isinstance(of.camera, LytroCamera) and (to_make or to_search):

@@ -54,7 +54,7 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
         compile_ahead(STDERR, scene_stages())
     camera = simulation.camera
     Work(len(scenes), calibration=pictures_to_make(out, force) if isinstance(camera, LytroCamera)
-         else 0).tell(simulation, jobs, backend)
+         else 0).print_time(simulation, jobs, backend)
     if isinstance(camera, LytroCamera):
         for place in shown('calibration', COUNT, lambda progress: write_calibration_pictures(
                 out, camera, force, progress)):
