@@ -103,6 +103,11 @@ class ContourMap(EvidenceVolume):
         return self.numbers.least_support
 
     @property
+    def support_slopes(self) -> tuple[float, float]:
+        """See `EvidenceVolume`."""
+        return self.numbers.evidence_slope, self.numbers.odds_slope
+
+    @property
     def least_weight(self) -> float:
         """See `EvidenceVolume`."""
         return self.numbers.least_weight

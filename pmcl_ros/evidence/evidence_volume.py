@@ -52,6 +52,13 @@ class EvidenceVolume(ABC):
         """Support below which an object is lost (`contour_support`) [nat / px]."""
 
     @property
+    def support_slopes(self) -> tuple[float, float]:
+        """By how much less support is enough for a nat / px of mean evidence, and for a nat of the
+        log odds of the mode's weight (`Thresholds`).
+        """
+        return 0.0, 0.0
+
+    @property
     def least_weight(self) -> float:
         """Posterior weight of a pose's mode below which the object is lost: it is ambiguous."""
         return 0.0

@@ -110,7 +110,14 @@ class LearnedMapEvidence(Settings):
         'outwards [px]')
     least_evidence: float = Field(
         description='mean evidence of a contour below which the object is lost [nat / px]')
-    least_support: float = Field(description='support below which it is [nat / px]')
+    least_support: float = Field(
+        description='support below which it is, at no evidence and even odds [nat / px]')
+    evidence_slope: float = Field(
+        0.0, ge=0, description='by how much less support is enough for each nat / px of mean '
+        'evidence [1]')
+    odds_slope: float = Field(
+        0.0, ge=0, description="by how much less for each nat of the log odds of the mode's "
+        'weight [1 / px]')
     least_weight: float = Field(
         ge=0, le=1, description="posterior weight of the pose's mode below which it is [1]")
     common_error: _Error = Field(
@@ -152,7 +159,7 @@ class LearnedViews(Settings):
 
         views: independent ones; in those of about one place it is a part of that error.
         """
-        return self.displacement * math.sqrt(1 - _alike(views))
+        return self.displacement * math.sqrt(1 - alike(views))
 
     def share(self, views: float, disagreement: float) -> float:
         """Variance of the model error, relative to that of one view.
@@ -161,9 +168,9 @@ class LearnedViews(Settings):
         chi-squared distribution with that prior, but for a constant, if disagreement were a mean
         square; of views of about one place, which cannot disagree, it is 1.
         """
-        alike = _alike(views)
+        one = alike(views)
         found = views * disagreement / self.disagreement
-        return alike + (1 - alike) * (self.error_views * self.error_share + found) / (
+        return one + (1 - one) * (self.error_views * self.error_share + found) / (
             self.error_views + views - 1)
 
     def needed(self, views: float, disagreement: float, beyond: float, alone: float) -> float:
@@ -174,13 +181,13 @@ class LearnedViews(Settings):
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """
-        alike = _alike(views)
+        one = alike(views)
         together = (self.least_support + self.support_slope * math.log1p(disagreement)
                     + self.beyond_slope * beyond)
-        return alike * alone + (1 - alike) * together
+        return one * alone + (1 - one) * together
 
 
-def _alike(views: float) -> float:
+def alike(views: float) -> float:
     """From 1 for independent views that are worth one view to 0 for more."""
     return math.exp(-(views - 1) / _ALIKE)
 

@@ -15,6 +15,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.student_t import COMMON, credible_level
 from pmcl_ros.learning.contour_errors import fitted_degrees_of_freedom
 from pmcl_ros.learning.searches import Supports
+from pmcl_ros.learning.support_slopes import support_slopes
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
@@ -31,8 +32,6 @@ _NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, b
 # Share, views and disagreement are within a factor of e of these, as far as is known before (one
 # standard deviation): few scenes hardly tell the first two apart.
 _FIRST = 0.3, 3.0, 0.3
-_RIDGE = 1e-4  # of the logistic regression: few wrong poses have much support
-_LEAST_ODDS = 0.01  # nat for a standard deviation of support: with less, slopes are noise
 _LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
 
 
@@ -152,8 +151,9 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
                                 'scenes')
     clear = [each for each in found
              if each.weight >= least_weight and math.isfinite(each.support)]
-    slopes = support_slopes([each for each in clear if each.deviation is not None],
-                            [each for each in clear if not each.there])
+    slopes = support_slopes(
+        [[each.support, *-_asked(each)] for each in clear if each.deviation is not None],
+        [[each.support, *-_asked(each)] for each in clear if not each.there])
 
     def margin(each: ViewsSearch) -> float:
         if each.weight < least_weight:
@@ -190,36 +190,8 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     return learned
 
 
-def support_slopes(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch]
-                   ) -> NDArray[np.float64]:
-    """(2,) how much more support balances a unit of what `LearnedViews.needed` asks it for.
-
-    That is log(1 + disagreement), and evidence beyond the contours; neither is negative. Of the
-    odds that a pose is right, by logistic regression, both kinds weighted alike. Raises
-    LocalizationError where support does not tell them apart.
-    """
-    given = np.array([[each.support, *-_asked(each)] for each in (*right, *elsewhere)])
-    spread = given.std(axis=0)
-    scale = np.where(spread > 0, spread, 1.0)
-    given = np.column_stack([given / scale, np.ones(len(given))])
-    sign = np.repeat([1.0, -1.0], [len(right), len(elsewhere)])
-    weight = np.repeat([0.5 / max(len(right), 1), 0.5 / max(len(elsewhere), 1)],
-                       [len(right), len(elsewhere)])
-
-    def unlikely(odds: NDArray[np.float64]) -> float:
-        return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)
-
-    odds = minimize(unlikely, [1.0, 0.0, 0.0, 0.0], bounds=[
-        (_LEAST_ODDS, None), (0, None), (0, None), (None, None)]).x[:3]
-    if odds[0] <= _LEAST_ODDS:
-        raise LocalizationError(f'{len(right)} right poses have no more support than '
-                                f'{len(elsewhere)} that are wrong; learn from more scenes')
-    odds /= scale
-    return np.asarray(odds[1:] / odds[0])
-
-
 def _asked(each: ViewsSearch) -> NDArray[np.float64]:
-    """(2,) what more support is asked for."""
+    """(2,) what more support is asked for: log(1 + disagreement), evidence beyond the contours."""
     return np.array([math.log1p(each.disagreement), each.beyond])
 
 

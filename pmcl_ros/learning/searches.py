@@ -11,11 +11,14 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.learning.contour_errors import LENGTH, Deviation
 from pmcl_ros.learning.contour_tables import Example
+from pmcl_ros.learning.support_slopes import support_slopes
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.support import log_odds
 from pmcl_ros.runtime.errors import LocalizationError
 
 _NO_ERROR = ModelError(0, 0, LENGTH)  # it is what the searches are to teach
@@ -35,6 +38,29 @@ class Search:
     evidence: float
     weight: float
     deviation: Deviation | None = None
+
+    def margin(self, slopes: tuple[float, float]) -> float:
+        """The support, and what takes its place (`Thresholds.slopes`)."""
+        return self.support + slopes[0] * self.evidence + slopes[1] * log_odds(self.weight)
+
+    def is_claimed(self, least: Thresholds) -> bool:
+        """Whether the object counts as found, by these thresholds."""
+        return (self.evidence >= least.evidence and self.weight >= least.weight
+                and self.support >= least.needed(self.evidence, self.weight))
+
+
+def slopes_of(found: Sequence[Search], least_weight: float) -> tuple[float, float]:
+    """`Thresholds.slopes`, by the searches whose pose has this weight at least.
+
+    Raises LocalizationError where support does not tell right poses from objects elsewhere.
+    """
+    clear = [each for each in found
+             if each.weight >= least_weight and np.isfinite(each.support)]
+    of_evidence, of_odds = support_slopes(*(
+        [[each.support, each.evidence, log_odds(each.weight)] for each in group]
+        for group in ([each for each in clear if each.deviation is not None],
+                      [each for each in clear if not each.there])))
+    return float(of_evidence), float(of_odds)
 
 
 def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: int
@@ -66,7 +92,8 @@ def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: 
 class Supports:
     """Support of the best pose: of objects in the scene (n,) and of objects elsewhere (m,).
 
-    evidence: (k,) of the right poses.
+    With what takes its place (`Search.margin`), if anything does. evidence: (k,) of the right
+    poses.
     """
 
     there: NDArray[np.float64]
@@ -74,13 +101,14 @@ class Supports:
     evidence: NDArray[np.float64]
 
     @classmethod
-    def from_searches(cls, found: Sequence[Search], least_weight: float = 0.0) -> 'Supports':
-        """Of all searches; poses of less weight have no support.
+    def from_searches(cls, found: Sequence[Search], least_weight: float = 0.0,
+                      slopes: tuple[float, float] = (0.0, 0.0)) -> 'Supports':
+        """Of all searches; poses of less weight have no support. slopes: as of `Thresholds`.
 
         Raises LocalizationError when each object was in its scene.
         """
         there = np.array([each.there for each in found], bool)
-        support = np.array([each.support if each.weight >= least_weight else -np.inf
+        support = np.array([each.margin(slopes) if each.weight >= least_weight else -np.inf
                             for each in found])
         if there.all():
             raise LocalizationError('0 searches for an object that is not in its scene; learn '

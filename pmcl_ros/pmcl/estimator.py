@@ -25,7 +25,7 @@ from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import Modes
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.pmcl.support import contour_support, log_odds, share_in_view
 
 Camera = tuple[Pinhole, NDArray[np.float64]]  # and its pose (4, 4)
 
@@ -35,19 +35,28 @@ class Thresholds:
     """What a pose must reach, or the object is lost.
 
     support: along the weakest part of its contour; evidence: mean along all of it [nat / px].
-    weight: of its mode.
+    weight: of its mode. slopes: by how much less support is enough for a nat / px of evidence, and
+    for a nat of the log odds of the weight: an object that is elsewhere has less of all three.
     """
 
     support: float
     evidence: float
     weight: float = 0.0
+    slopes: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def from_volume(cls, volume: EvidenceVolume, profile: ContourProfile, support: float | None
                     ) -> 'Thresholds':
-        """Of one view. support: that is wanted; None: as was learned."""
-        return cls(volume.least_support if support is None else support, profile.least,
-                   volume.least_weight)
+        """Of one view. support: that is wanted, for all poses; None: as was learned."""
+        if support is not None:
+            return cls(support, profile.least, volume.least_weight)
+        return cls(volume.least_support, profile.least, volume.least_weight,
+                   volume.support_slopes)
+
+    def needed(self, evidence: float, weight: float) -> float:
+        """The support that a pose of this evidence and weight needs [nat / px]."""
+        of_evidence, of_odds = self.slopes
+        return self.support - of_evidence * evidence - of_odds * log_odds(weight)
 
 
 @dataclass(frozen=True)
@@ -89,14 +98,16 @@ class Estimator:
                       for pinhole, camera in cameras)
         support = contour_support(shown.points_at(pose), shown.share_at(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
+        weight = float(shares[order[0]])
+        needed = least.needed(evidence, weight) if evidence > -np.inf else np.inf
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
-        partly = support < least.support
-        otherwise = evidence < least.evidence or bool(shares[order[0]] < least.weight)
+        partly = support < needed
+        otherwise = evidence < least.evidence or weight < least.weight
         return PoseEstimate(header, pose, spread, particles, np.full(count, -np.log(count)),
                             local.evidence, partly or otherwise, self.settings.mode, modes,
                             support, evidence, incomplete=partly and not otherwise,
-                            in_view=in_view, least_support=least.support,
+                            in_view=in_view, least_support=needed,
                             least_evidence=least.evidence, least_weight=least.weight,
                             degrees_of_freedom=degrees_of_freedom)
 

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from pmcl_ros.evidence.learned import LearnedViews
-from pmcl_ros.learning.posed_views import (
-    ViewsDeviation,
-    ViewsSearch,
-    fitted,
-    learned_from,
-    support_slopes,
-)
+from pmcl_ros.learning.posed_views import ViewsDeviation, ViewsSearch, fitted, learned_from
+from pmcl_ros.learning.support_slopes import support_slopes
 from pmcl_ros.runtime.errors import LocalizationError
 
 DISPLACEMENT = 0.3  # px
@@ -94,8 +89,9 @@ def test_thresholds_are_between_objects_there_and_elsewhere(false_alarms):
 
 def test_the_odds_that_made_the_searches_are_found():
     found = found_and_elsewhere(4000)
-    slopes = support_slopes([each for each in found if each.there],
-                            [each for each in found if not each.there])
+    slopes = support_slopes(*(
+        [[each.support, -np.log1p(each.disagreement), -each.beyond] for each in found
+         if each.there == there] for there in (True, False)))
     np.testing.assert_allclose(slopes, (2 / 4, 3.75 / 4), rtol=0.15)
 
 
@@ -103,7 +99,8 @@ def test_support_that_tells_nothing_apart_is_refused():
     found = [ViewsSearch(there, each + (0.0 if there else 0.2), 1.7, 1.0, 0.0, 0.0)
              for there in (True, False) for each in np.linspace(0, 1, 20)]
     with pytest.raises(LocalizationError, match='20 right poses have no more support than 20'):
-        support_slopes(found[:20], found[20:])
+        support_slopes(*([[each.support, 0.0, 0.0] for each in group]
+                         for group in (found[:20], found[20:])))
 
 
 def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():

@@ -28,10 +28,11 @@ from pmcl_ros.learning.contour_errors import (
 from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
 from pmcl_ros.learning.posed_views import ViewsExample, learned_from
 from pmcl_ros.learning.posed_views import searches as posed_searches
-from pmcl_ros.learning.searches import Search, Supports, searches
+from pmcl_ros.learning.searches import Search, Supports, searches, slopes_of
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import has_posed_views
 from pmcl_ros.pipeline import apparent_size, build_evidence
+from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
@@ -40,8 +41,8 @@ from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 
 _LARGEST = 0.14  # m: radius of any generated object
-_TOO_LITTLE = 0.05  # share of right poses in one picture that have too little evidence
-_TOO_LITTLE_OF_VIEWS = 0.01  # the same of several views
+_TOO_LITTLE = 0.05  # share of right poses by edges that have too little evidence
+_TOO_LITTLE_OF_MAPS = 0.01  # the same by contour maps, whose rule for support asks for it too
 # Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
 # pose higher (docs/results/contour_map.md).
@@ -93,7 +94,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     if posed:
         numbers_of_views = learned_from(
             list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, false_alarms,
-            _TOO_LITTLE_OF_VIEWS, click.echo)
+            _TOO_LITTLE_OF_MAPS, click.echo)
         if out is not None:
             numbers_of_views.save(out, command)
         return
@@ -118,8 +119,9 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
         for half in range(2):
             chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
             looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
-        numbers = LearnedContour.make(_fields(profile) | _learn_thresholds(looked, false_alarms),
-                                      'the profile')
+        least = _thresholds(Supports.from_searches(looked), false_alarms, _TOO_LITTLE)
+        numbers = LearnedContour.make(
+            _fields(profile) | _learned(looked, least, false_alarms, _TOO_LITTLE), 'the profile')
     if out is not None:
         numbers.save(out, command)
 
@@ -130,44 +132,57 @@ def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int, fals
     numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, least_weight=0,
                                  common_error=1, local_error=1, error_length=1)
     first = list(searches(maps_of(captures, views, numbers, 'searches 1 of 2'), None, seed))
-    supports = Supports.from_searches(first, _LEAST_WEIGHT)
-    offset = round(fitted_offset(_claimed(first, supports.threshold(false_alarms),
-                                          supports.least_evidence(_TOO_LITTLE), _LEAST_WEIGHT)),
-                   _DIGITS)
+    offset = round(fitted_offset(_deviations(first, _of_map(first, false_alarms))), _DIGITS)
     click.echo(f'contours are found {offset:+.2f} px outwards')
     numbers = numbers.model_copy(update={'contour_offset': offset})
-    looked = searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed)
+    looked = list(searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed))
+    least = _of_map(looked, false_alarms)
+    of_evidence, of_odds = least.slopes
+    click.echo(f'of the support that is needed, {of_evidence:.2f} for each nat / px of evidence '
+               f'and {of_odds:.2f} for each nat of the log odds of the weight are enough')
     return LearnedMapEvidence.make(
-        _WEIGHTS | {'contour_offset': offset, 'least_weight': _LEAST_WEIGHT}
-        | _learn_thresholds(list(looked), false_alarms, _LEAST_WEIGHT, of_tails=True),
+        _WEIGHTS | {'contour_offset': offset, 'least_weight': _LEAST_WEIGHT,
+                    'evidence_slope': of_evidence, 'odds_slope': of_odds}
+        | _learned(looked, least, false_alarms, _TOO_LITTLE_OF_MAPS, of_tails=True),
         'the contour map')
 
 
-def _claimed(looked: Sequence[Search], least: float, evidence: float, least_weight: float
-             ) -> list[Deviation]:
-    """Of right poses, by these thresholds."""
-    return [each.deviation for each in looked if each.deviation is not None
-            and each.support >= least and each.evidence >= evidence
-            and each.weight >= least_weight]
+def _of_map(looked: Sequence[Search], false_alarms: float) -> Thresholds:
+    """Of contour maps, where evidence and weight take the place of support."""
+    of_evidence, of_odds = slopes_of(looked, _LEAST_WEIGHT)
+    slopes = round(of_evidence, _DIGITS), round(of_odds, _DIGITS)
+    return _thresholds(Supports.from_searches(looked, _LEAST_WEIGHT, slopes), false_alarms,
+                       _TOO_LITTLE_OF_MAPS, _LEAST_WEIGHT, slopes)
 
 
-def _learn_thresholds(looked: Sequence[Search], false_alarms: float, least_weight: float = 0.0,
-                      of_tails: bool = False) -> dict[str, float]:
+def _thresholds(supports: Supports, false_alarms: float, too_little: float,
+                weight: float = 0.0, slopes: tuple[float, float] = (0.0, 0.0)) -> Thresholds:
+    return Thresholds(round(supports.threshold(false_alarms), _DIGITS),
+                      round(supports.least_evidence(too_little), _DIGITS), weight, slopes)
+
+
+def _deviations(looked: Sequence[Search], least: Thresholds) -> list[Deviation]:
+    """Of right poses that are claimed."""
+    return [each.deviation for each in looked
+            if each.deviation is not None and each.is_claimed(least)]
+
+
+def _learned(looked: Sequence[Search], least: Thresholds, false_alarms: float, too_little: float,
+             of_tails: bool = False) -> dict[str, float]:
     """Print and return the least support, the least evidence and the model's error.
 
-    of_tails: and the degrees of freedom of the errors of poses.
+    false_alarms, too_little: that the thresholds were made for. of_tails: and the degrees of
+    freedom of the errors of poses.
     """
-    supports = Supports.from_searches(looked, least_weight)
-    least = supports.threshold(false_alarms)
+    supports = Supports.from_searches(looked, least.weight, least.slopes)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
     click.echo('support of objects that are elsewhere: '
                f'{np.sort(supports.elsewhere).round(2).tolist()}')
-    click.echo(f'least support {least:.2f}, at {100 * false_alarms:g} % false alarms; '
-               f'{100 * supports.missed(least):.0f} % of what is there has less')
-    evidence = supports.least_evidence(_TOO_LITTLE)
+    click.echo(f'least support {least.support:.2f}, at {100 * false_alarms:g} % false alarms; '
+               f'{100 * supports.missed(least.support):.0f} % of what is there has less')
     click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
-    click.echo(f'least evidence {evidence:.2f}: {100 * _TOO_LITTLE:.0f} % of them have less')
-    deviations = _claimed(looked, least, evidence, least_weight)
+    click.echo(f'least evidence {least.evidence:.2f}: {100 * too_little:.0f} % of them have less')
+    deviations = _deviations(looked, least)
     error = fitted_error(deviations)
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
     squares = [each.square(error.common, error.local) for each in deviations]
@@ -179,7 +194,7 @@ def _learn_thresholds(looked: Sequence[Search], false_alarms: float, least_weigh
     for level in (0.5, COMMON):
         click.echo(f'truths in the {100 * level:.0f} % region: '
                    f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
-    return {'least_evidence': round(evidence, _DIGITS), 'least_support': round(least, _DIGITS),
+    return {'least_evidence': least.evidence, 'least_support': least.support,
             'common_error': max(round(error.common, _DIGITS), 10 ** -_DIGITS),
             'local_error': max(round(error.local, _DIGITS), 10 ** -_DIGITS),
             'error_length': error.length,

@@ -1,0 +1,40 @@
+"""Numbers of right poses, and of objects that are elsewhere -> what takes the place of support."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from pmcl_ros.runtime.errors import LocalizationError
+
+_RIDGE = 1e-4  # of the logistic regression: few wrong poses have much support
+_LEAST_ODDS = 0.01  # nat for a standard deviation of support: with less, slopes are noise
+
+
+def support_slopes(right: ArrayLike, elsewhere: ArrayLike) -> NDArray[np.float64]:
+    """(k,) by how much less support is enough for a unit of each other number; none is negative.
+
+    right, elsewhere: (n, 1 + k) and (m, 1 + k) support and the other numbers of right poses, and
+    of poses found for objects that are not there. Of the odds that a pose is right, by logistic
+    regression, both kinds weighted alike. Raises LocalizationError where support does not tell
+    them apart.
+    """
+    groups = [np.asarray(each, float) for each in (right, elsewhere)]
+    counts = [len(each) for each in groups]
+    given = np.concatenate([each for each in groups if len(each)])
+    spread = given.std(axis=0)
+    scale = np.where(spread > 0, spread, 1.0)
+    given = np.column_stack([given / scale, np.ones(len(given))])
+    sign = np.repeat([1.0, -1.0], counts)
+    weight = np.repeat([0.5 / max(each, 1) for each in counts], counts)
+
+    def unlikely(odds: NDArray[np.float64]) -> float:
+        return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)
+
+    others = given.shape[1] - 2
+    odds = minimize(unlikely, [1.0, *np.zeros(others + 1)], bounds=[
+        (_LEAST_ODDS, None), *[(0, None)] * others, (None, None)]).x[:-1]
+    if odds[0] <= _LEAST_ODDS:
+        raise LocalizationError(f'{counts[0]} right poses have no more support than {counts[1]} '
+                                'that are wrong; learn from more scenes')
+    odds /= scale
+    return np.asarray(odds[1:] / odds[0])
