@@ -51,7 +51,7 @@ class PoseEstimate:
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
     least_support, least_evidence, least_weight: the thresholds that support, evidence and the
-        weight of the first mode were compared with.
+        weight of the first mode were compared with; the first depends on the others.
     disagreement: of several views: median square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
     beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
@@ -139,11 +139,12 @@ class PoseEstimate:
             first, second, *_ = [*(each.weight for each in self.modes), 0.0]
             values |= {'support': self.support, 'evidence': self.evidence, 'weight': first,
                        'weight of the runner-up': second}
+        if math.isfinite(self.least_support):
+            values['least support'] = self.least_support
         if math.isfinite(self.degrees_of_freedom):
             values['degrees of freedom'] = self.degrees_of_freedom
         if math.isfinite(self.disagreement):
-            values |= {'disagreement': self.disagreement, 'evidence beyond': self.beyond,
-                       'least support': self.least_support}
+            values |= {'disagreement': self.disagreement, 'evidence beyond': self.beyond}
         if self.camera_scale and not self.lost:
             values |= {'camera scale error [%]': 100 * self.camera_scale.error,
                        'camera scale error, standard deviation [%]': 100 * self.camera_scale.sigma}

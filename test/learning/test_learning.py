@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
@@ -15,6 +16,7 @@ from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.learning.contour_errors import Deviation
 from pmcl_ros.learning.contour_tables import (
     KNOTS,
     OFFSETS,
@@ -25,13 +27,16 @@ from pmcl_ros.learning.contour_tables import (
     fitted,
     profiles,
 )
-from pmcl_ros.learning.searches import Supports, searches
+from pmcl_ros.learning.searches import Search, Supports, searches, slopes_of
+from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
+
+NO_DEVIATION = Deviation(np.zeros(1), np.eye(1), np.eye(1), np.eye(1), np.zeros(1))
 
 
 def test_log_odds_of_independent_energies_are_recovered():
@@ -107,6 +112,7 @@ from pmcl_ros.evidence.learned import LearnedContour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.learning.searches import searches
+from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 
@@ -117,6 +123,30 @@ found, = searches([example], profile, 0)
 print(found.there, found.deviation.noise.shape)
 """], cwd=package_tree, capture_output=True, text=True, check=False)
     assert done.stdout == 'True (5, 5)\n', done.stderr
+
+
+def test_the_slopes_are_those_of_the_odds():
+    """Of two Gaussians with one covariance, the odds are linear."""
+    rng = np.random.default_rng(0)
+    root = np.array([[0.5, 0, 0], [0.1, 0.3, 0], [0.3, 0.2, 1.0]])
+    odds = np.array([3.0, 2.0, 0.8])  # for a unit of support, evidence, log odds
+    apart = root @ root.T @ odds
+    found = []
+    for there in (True, False):
+        for support, evidence, of_weight in rng.normal(size=(40000, 3)) @ root.T + there * apart:
+            weight = 0.5 + 0.5 * np.tanh(of_weight / 2)
+            found.append(Search(there, support, evidence, weight, NO_DEVIATION if there else None))
+    slopes = slopes_of(found, 0.0)
+    np.testing.assert_allclose(slopes, odds[1:] / odds[0], rtol=0.1)
+    # At as many false alarms, the best rule claims what the distance of the Gaussians lets it.
+    for used, distance in ((slopes, np.sqrt(odds @ apart)), ((0.0, 0.0), apart[0] / root[0, 0])):
+        supports = Supports.from_searches(found, slopes=used)
+        least = Thresholds(supports.threshold(0.05), -np.inf, slopes=used)
+        share = [np.mean([each.is_claimed(least) for each in found if each.there is there])
+                 for there in (True, False)]
+        assert share[1] == pytest.approx(0.05, abs=0.002)
+        assert share[0] == pytest.approx(1 - supports.missed(least.support), abs=0.002)
+        assert share[0] == pytest.approx(norm.cdf(distance - norm.ppf(0.95)), abs=0.01)
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():

@@ -25,7 +25,7 @@ from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.pmcl.support import contour_support, log_odds, share_in_view
 from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -196,6 +196,30 @@ def test_covered_pixels_count_near_a_pose_as_at_it():
                                                                     rel=1e-6)
     assert exact[0] > exact[1]
     assert np.ptp(local.evidence(nearer)) == pytest.approx(np.ptp(exact), rel=0.1)
+
+
+def test_evidence_and_weight_take_the_place_of_support():
+    odds = seen(CUP, CUP_POSE)
+
+    def localized(least, slopes, settings=SMALL):
+        numbers = NUMBERS.model_copy(update={
+            'least_support': least, 'evidence_slope': slopes[0], 'odds_slope': slopes[1]})
+        with Localizer(CUP, settings) as localizer:
+            return localizer.localize(replace(odds, numbers=numbers), np.random.default_rng(0))
+
+    free = localized(-1.0, (0.0, 0.0))
+    margin = free.support + 0.5 * free.evidence + 0.25 * log_odds(free.modes[0].weight)
+    for lacking, lost in ((-0.01, False), (0.01, True)):
+        found = localized(margin + lacking, (0.5, 0.25))
+        assert found.lost is lost
+        assert found.support == free.support
+        assert found.least_support == pytest.approx(free.support + lacking)
+        assert found.diagnostics()['least support'] == found.least_support
+        # What is chosen holds for all poses.
+        chosen = SMALL.model_copy(update={'least_support': free.support - 0.01})
+        found = localized(margin + lacking, (0.5, 0.25), chosen)
+        assert not found.lost
+        assert found.least_support == chosen.least_support
 
 
 def test_a_pose_that_is_as_likely_as_another_is_lost():

@@ -12,7 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.support import contour_support, evidence_beyond, share_in_view
+from pmcl_ros.pmcl.support import contour_support, evidence_beyond, log_odds, share_in_view
 
 
 def contour(evidence):
@@ -33,6 +33,15 @@ def test_what_is_out_of_view_speaks_against_it():
     assert contour_support(contour(np.ones(100)), 0.5) == pytest.approx(0)
     assert contour_support(contour(np.ones(100)), 0.1) == pytest.approx(-8)
     assert contour_support(contour([]), 1.0) == contour_support(contour([1.0]), 0.0) == -np.inf
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_log_odds_of_a_share_of_particles(one, other):
+    assert log_odds(one) == pytest.approx(-log_odds(1 - one), abs=1e-9)
+    assert log_odds(min(one, other)) <= log_odds(max(one, other))
+    assert log_odds(0.8) == pytest.approx(np.log(4), abs=0.02)
+    # All of 192 particles in a mode tell no more than that the next one is likely in it.
+    assert np.log(192) < log_odds(1.0) < np.log(2 * 192 + 20)
 
 
 def test_noise_within_an_arc_is_averaged():
