@@ -141,6 +141,11 @@ class LearnedViews(Settings):
     beyond_slope: float = Field(
         ge=0, description='by how much more for each nat / px of evidence beyond the '
         'contours [1]')
+    evidence_slope: float = Field(
+        0.0, ge=0, description='by how much less for each nat / px of mean evidence [1]')
+    odds_slope: float = Field(
+        0.0, ge=0, description="by how much less for each nat of the log odds of the mode's "
+        'weight [1 / px]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '
         'before views are compared [1]')
@@ -159,7 +164,7 @@ class LearnedViews(Settings):
 
         views: independent ones; in those of about one place it is a part of that error.
         """
-        return self.displacement * math.sqrt(1 - alike(views))
+        return self.displacement * math.sqrt(1 - _alike(views))
 
     def share(self, views: float, disagreement: float) -> float:
         """Variance of the model error, relative to that of one view.
@@ -168,26 +173,35 @@ class LearnedViews(Settings):
         chi-squared distribution with that prior, but for a constant, if disagreement were a mean
         square; of views of about one place, which cannot disagree, it is 1.
         """
-        one = alike(views)
+        alike = _alike(views)
         found = views * disagreement / self.disagreement
-        return one + (1 - one) * (self.error_views * self.error_share + found) / (
+        return alike + (1 - alike) * (self.error_views * self.error_share + found) / (
             self.error_views + views - 1)
 
     def needed(self, views: float, disagreement: float, beyond: float, alone: float) -> float:
-        """The support below which an object is lost [nat / px].
+        """The support below which an object is lost, at no evidence and even odds [nat / px].
 
         views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
-        alone: the support that is needed in one view; it is that of views of about one place.
+        alone: the same of one view; it is that of views of about one place.
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """
-        one = alike(views)
+        alike = _alike(views)
         together = (self.least_support + self.support_slope * math.log1p(disagreement)
                     + self.beyond_slope * beyond)
-        return one * alone + (1 - one) * together
+        return alike * alone + (1 - alike) * together
+
+    def slopes(self, views: float, alone: tuple[float, float]) -> tuple[float, float]:
+        """By how much less support is enough for a nat / px of evidence, and for one of log odds.
+
+        views, alone: as of `needed`.
+        """
+        alike = _alike(views)
+        return (alike * alone[0] + (1 - alike) * self.evidence_slope,
+                alike * alone[1] + (1 - alike) * self.odds_slope)
 
 
-def alike(views: float) -> float:
+def _alike(views: float) -> float:
     """From 1 for independent views that are worth one view to 0 for more."""
     return math.exp(-(views - 1) / _ALIKE)
 

@@ -21,8 +21,7 @@ def support_slopes(right: ArrayLike, elsewhere: ArrayLike) -> NDArray[np.float64
     groups = [np.asarray(each, float) for each in (right, elsewhere)]
     counts = [len(each) for each in groups]
     given = np.concatenate([each for each in groups if len(each)])
-    spread = given.std(axis=0)
-    scale = np.where(spread > 0, spread, 1.0)
+    scale = np.where(np.ptp(given, axis=0) > 0, given.std(axis=0), 1.0)
     given = np.column_stack([given / scale, np.ones(len(given))])
     sign = np.repeat([1.0, -1.0], counts)
     weight = np.repeat([0.5 / max(each, 1) for each in counts], counts)

@@ -7,12 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.learned import (
-    LearnedViews,
-    alike,
-    learned_map_evidence,
-    learned_views,
-)
+from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
@@ -306,11 +301,9 @@ class MultiViewLocalizer(Closing):
             return alone
         if chosen is not None:
             return replace(alone, evidence=numbers.least_evidence)
-        support = numbers.needed(joint.independent, apart, beyond, alone.support)
-        of_evidence, of_odds = alone.slopes  # views of about one place need what a single one does
-        one = alike(joint.independent)
-        return Thresholds(support, numbers.least_evidence, alone.weight,
-                          (one * of_evidence, one * of_odds))
+        return Thresholds(numbers.needed(joint.independent, apart, beyond, alone.support),
+                          numbers.least_evidence, alone.weight,
+                          numbers.slopes(joint.independent, alone.slopes))
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64],
                  others: OtherObjects | None = None) -> NDArray[np.float64]:
