@@ -101,6 +101,13 @@ def make_scene_localizer(models: Sequence[ObjectModel], settings: PmclSettings,
             else SceneLocalizer(models, settings))
 
 
+def check_mode(mode: Mode, pictures: bool) -> None:
+    """Raise VolumeError where a mode needs a light field, and the source is pictures."""
+    if mode == 'faithful' and pictures:
+        raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
+                          'default')
+
+
 def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
                    kind: EvidenceKind = 'edges',
                    size_in: Callable[[PosedView], float] = lambda _: 0.0) -> Evidence:
@@ -110,11 +117,10 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     `build_map`.
     Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
     """
+    check_mode(mode, not isinstance(source, LightField))
     if mode == 'faithful':
-        if isinstance(source, LightField):
-            return build_volume(source, settings)
-        raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
-                          'default')
+        assert isinstance(source, LightField)
+        return build_volume(source, settings)
     source = binned_to_fit(source, settings)
     if isinstance(source, PosedViews):
         return ViewsEvidenceBuilder(settings, kind == 'map', size_in).build(source)

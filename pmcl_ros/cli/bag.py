@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, FORCE, Needed
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, Needed
 from pmcl_ros.cli.sources import GivenSource, posed_options
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -16,6 +16,8 @@ from pmcl_ros.messages.bag_captures import (
     record_posed_views,
 )
 from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.warm_up.raw import UNPACK
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _NEEDED = ('a bag is of light fields or posed views; write a views.yaml with camera_to_reference')
 
@@ -36,6 +38,7 @@ def bag_record(source: GivenSource, folder: Path) -> None:
     """
     if not is_light_field(source.source):
         source.check_of_raw()
+        compile_ahead(STDERR, UNPACK)
         record_capture(source.source, folder)
         return
     if pictures_alone(source.source):

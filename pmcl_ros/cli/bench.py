@@ -6,7 +6,9 @@ from importlib import import_module
 
 import click
 
+from pmcl_ros.cli.base import STDERR
 from pmcl_ros.dlv.settings import BackEnd
+from pmcl_ros.warm_up.stage import Stages, compile_ahead
 
 _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'driver',
             'graph': 'ros_programs', 'map': 'map', 'pmcl': 'pmcl', 'transport': 'ros_programs',
@@ -40,9 +42,23 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
         raise click.UsageError(f'--back-end is of dlv alone, not of {name}')
     module = import_module(f'pmcl_ros.evaluation.bench.{_MODULES[name]}')
     options = {'wanted': back_end} if name == 'dlv' else {}
+    compile_ahead(STDERR, _stages(name))
     result = getattr(module, f'bench_{name}')(**options)
     if as_json:
         click.echo(json.dumps(asdict(result)))
         return
     for line in result.lines():
         click.echo(line)
+
+
+def _stages(name: str) -> Stages:
+    """The kernels that are timed; driver and transport have none."""
+    from pmcl_ros.simulation.warm_up import RENDER  # here: both import much that --help leaves
+    from pmcl_ros.warm_up import chain as of
+    from pmcl_ros.warm_up.raw import DECODE
+    stages: dict[str, Stages] = {
+        'chain': (*of.SEARCH, *DECODE, *of.EDGES), 'decode': DECODE,
+        'dlv': (*of.VOLUME, *of.LAYERS, *of.EDGES), 'graph': of.CHAIN,
+        'map': (*of.SEARCH, *of.EDGES, *RENDER), 'pmcl': (*of.SEARCH, *of.FILTER),
+        'views': (*of.SEARCH, *RENDER)}
+    return stages.get(name, ())

@@ -16,6 +16,7 @@ from pmcl_ros.cli.base import (
     FORCE,
     OF_CAMERA,
     RAW,
+    STDERR,
     WHITE,
     calibration_type,
     results_in,
@@ -28,6 +29,8 @@ from pmcl_ros.lightfield.colour import shades_of_grey
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.decoders import uncalibrated_decoder
 from pmcl_ros.lightfield.readers.npz import save_npz, write_npz
+from pmcl_ros.warm_up.raw import DECODE, light_stages
+from pmcl_ros.warm_up.stage import compile_ahead
 
 
 def _size(_context: click.Context, _option: click.Parameter,
@@ -72,12 +75,13 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
     npz, centre, sheet = map(results.path, ('views.npz', 'centre.png', 'views.png'))
     if gain != 1 and not is_mosaic_image(raw):
         raise click.UsageError(f'{raw} is no PNG or JPEG: --gain is for these')
+    if calibration is not None and white is None:
+        raise click.UsageError(f'--calibration needs --white. {OF_CAMERA}')
+    compile_ahead(STDERR, DECODE if white is not None else (*DECODE, *light_stages()))
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
-    if calibration is None:
+    if calibration is None or white is None:
         chosen = None if white is None else choose_white(white, frame.metadata).frame
         decoder = uncalibrated_decoder(frame, chosen, views, size)
-    elif white is None:
-        raise click.UsageError(f'--calibration needs --white. {OF_CAMERA}')
     else:
         decoder = open_decoders(Calibration.load(calibration), white, views, size).decoder_for(
             frame.metadata)

@@ -57,14 +57,14 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                                  '--roi, --depths, --table, --tilt, --up, --mode, --evidence, '
                                  '--set, --seed')
     request = Request(settings, dict(changed.dlv), as_json, results)
-    search = Search(mode, with_volume=results is not None and len(objects) == 1)
+    search = Search(mode, settings.evidence, results is not None and len(objects) == 1)
     alone = pictures_alone(source.source)
     if alone:
         if len(objects) > 1 or truth is not None:
             raise click.UsageError(f'{source.source} has no camera poses, and each picture is '
                                    'localised alone: give one --object, and no --truth')
         STDERR.print('no camera poses: each picture is localised alone', markup=False)
-        search.compile_kernels()
+        search.compile_kernels(pictures=True)
         localize_each([replace(source, source=each) for each in alone], load(objects[0]), request)
         return
     opened = source.open(search)

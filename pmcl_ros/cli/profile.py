@@ -18,6 +18,8 @@ from pmcl_ros.profiles.measured import MeshKind
 from pmcl_ros.profiles.outline import Box, resized
 from pmcl_ros.runtime.errors import ProfileError
 from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.warm_up.chain import ENERGIES
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _UP = 0.0, 0.0, 1.0
 
@@ -60,6 +62,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     marked, axis = _marked(boxes, points), _direction(up)
     if not marked:
         _check_screen()
+    compile_ahead(STDERR, ENERGIES)
     views = _posed_views(source)
     marked = {view: resized(box, 1 / source.shrink) for view, box in marked.items()}
     missing = [each for each in marked if not 0 <= each < len(views)]

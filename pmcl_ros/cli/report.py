@@ -76,7 +76,7 @@ def report(source: GivenSource, object_path: Path | None, object_id: int | None,
 def _localized(source: GivenSource, model: ObjectModel, settings: PmclSettings,
                truth: Truth | None) -> tuple[Localization, str]:
     """What was found, and the page about it, with a progress bar."""
-    opened = source.open(Search(settings.mode, with_volume=True))
+    opened = source.open(Search(settings.mode, settings.evidence, with_volume=True))
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)
         settings, read = settled(settings, opened.read, model.radius)

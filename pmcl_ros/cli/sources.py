@@ -28,6 +28,7 @@ from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.read import (
     Source,
     check_folder,
+    has_pictures,
     has_posed_views,
     has_scale,
     is_colmap,
@@ -39,10 +40,12 @@ from pmcl_ros.reading import Reading
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
+from pmcl_ros.warm_up.raw import DECODE
+from pmcl_ros.warm_up.stage import compile_ahead
 
 if TYPE_CHECKING:
-    from pmcl_ros.pmcl.settings import Mode
-    from pmcl_ros.warm_up import Stages
+    from pmcl_ros.pmcl.settings import EvidenceKind, Mode
+    from pmcl_ros.warm_up.stage import Stages
 
 PICTURE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
 _OF_BAGS = ('.mcap', '.db3')
@@ -89,38 +92,49 @@ _OF_POSES = (
 class Opened(NamedTuple):
     """What makes or reads the source.
 
-    posed: it is `PosedViews`. scaled: by --scale or --distance. serial: of a Lytro.
+    pictures: of ordinary cameras. posed: it is `PosedViews`. scaled: by --scale or --distance.
+    serial: of a Lytro.
     """
 
     read: Callable[[], Source]
+    pictures: bool = False
     posed: bool = False
     scaled: bool = False
     serial: str = ''
 
 
 class Search(NamedTuple):
-    """What a command does with its source. with_volume: it makes the volume, too."""
+    """What a command does with its source.
+
+    evidence: as of `PmclSettings`. with_volume: it makes the volume, too.
+    """
 
     mode: 'Mode' = 'default'
+    evidence: 'EvidenceKind' = 'auto'
     with_volume: bool = False
 
-    def compile_kernels(self, raw: bool = False, posed: bool = False, also: 'Stages' = ()
-                        ) -> None:
+    def compile_kernels(self, raw: bool = False, pictures: bool = False, posed: bool = False,
+                        also: 'Stages' = ()) -> None:
         """Compile the kernels for a source, where they are not on disk, with a progress line.
 
-        raw, posed: kind of the source. also: what else the command needs.
+        raw, pictures, posed: kind of the source, as of `Opened`. also: what else the command
+        needs. Raises VolumeError for pictures in the mode faithful.
         """
-        # Here: it imports the search, which many commands that open a source do not need.
-        from pmcl_ros import warm_up as of
+        # Here: they import the search, which many commands that open a source do not need.
+        from pmcl_ros.pipeline import check_mode
+        from pmcl_ros.warm_up import chain as of
+        check_mode(self.mode, pictures)
         faithful = self.mode == 'faithful'
         stages = of.FILTER if faithful else of.SEARCH
-        if self.with_volume or faithful:
-            stages += of.PLANE_SWEEP if posed else of.VOLUME
+        if posed and self.with_volume:
+            stages += of.PLANE_SWEEP
+        if not pictures and (self.with_volume or faithful):
+            stages += of.VOLUME
         if raw:
-            stages += of.DECODE
-        if not (posed or faithful):
+            stages += DECODE
+        if not faithful and (self.evidence == 'edges' or not pictures):
             stages += of.EDGES
-        of.compile_ahead(STDERR, (*stages, *also))
+        compile_ahead(STDERR, (*stages, *also))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +218,7 @@ class GivenSource(GivenReading):
             raise click.UsageError(f'{self.source} has no poses of its cameras: --sigma-mm and '
                                    '--sigma-deg are errors of such')
         if search is not None:
-            search.compile_kernels(posed=opened.posed)
+            search.compile_kernels(False, opened.pictures, opened.posed)
         return opened
 
     def _reading(self) -> Reading:
@@ -217,7 +231,8 @@ class GivenSource(GivenReading):
             if self.source.is_dir():
                 self._check_folder(reading, search)
             self._check_no_raw()
-            return Opened(partial(reading.read, self.source), has_posed_views(self.source),
+            return Opened(partial(reading.read, self.source), has_pictures(self.source),
+                          has_posed_views(self.source),
                           reading.metric is not None and reading.metric.is_given)
         suffix = self.source.suffix.lower()
         if suffix in _OF_BAGS:
@@ -250,7 +265,8 @@ class GivenSource(GivenReading):
         if isinstance(capture, PosedViews):  # nothing else says how many
             STDERR.print(f'{self.source}: {len(capture.views)} views, poses in the frame '
                          f'{capture.header.frame_id!r}', markup=False, soft_wrap=True)
-        return Opened(lambda: capture, isinstance(capture, PosedViews))
+        is_posed = isinstance(capture, PosedViews)
+        return Opened(lambda: capture, is_posed, is_posed)
 
     def _check_folder(self, reading: Reading, search: Search | None) -> None:
         try:
@@ -313,7 +329,9 @@ def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
 
 
 def _decoded(frame: RawFrame, calibration: Path, white: Path, search: Search | None) -> Opened:
-    if search is not None:
+    if search is None:
+        compile_ahead(STDERR, DECODE)
+    else:
         search.compile_kernels(raw=True)
     decoders = open_decoders(Calibration.load(calibration), white)
     decoders.decoder_for(frame.metadata)

@@ -14,7 +14,6 @@ from rich import progress
 
 from pmcl_ros.cli.base import CAMERA as ORDINARY
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, counter, results_in
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.pool import broken_pool
 from pmcl_ros.evaluation.recall import median, share, values
@@ -44,7 +43,9 @@ from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
-from pmcl_ros.warm_up import EDGES, SEARCH, compile_ahead
+from pmcl_ros.simulation.warm_up import RENDER
+from pmcl_ros.warm_up.chain import EDGES, LAYERS, SEARCH, VOLUME
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _FIELDS = SequenceSettings.model_fields
 
@@ -90,6 +91,7 @@ def figures(folder: Path, only: str | None, tables: bool, force: bool) -> None:
     files = {name: folder / f'{name}.png' for name in ([only] if only else FIGURES)}
     refuse_existing(files.values(), force)
     folder.mkdir(parents=True, exist_ok=True)
+    compile_ahead(STDERR, (*VOLUME, *LAYERS) if 'layers' in files else ())
     for name, file in files.items():
         write_png(file, FIGURES[name]())
         click.echo(file)
@@ -120,7 +122,7 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     """
     written = None if out is None else results_in(out, force).path('profile_errors.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
-    compile_ahead(STDERR, (*SEARCH, *scene_stages()))
+    compile_ahead(STDERR, (*SEARCH, *RENDER))
     run = partial(profile_trial, of=ProfileStudy(
         ordinary, samples, with_cad=cad, with_height=height))
     _tabulate(run, range(seed, seed + count), processes, 'vessels', summary_of_profiles, written)
@@ -156,7 +158,7 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     results, seeds = None if out is None else results_in(out, force), range(seed, seed + count)
     if results is not None:
         results.reserve('results.md', *(f'{each:06d}.png' for each in seeds))
-    compile_ahead(STDERR, (*SEARCH, *scene_stages(), *(EDGES if cameras is None else ())))
+    compile_ahead(STDERR, (*SEARCH, *RENDER, *(EDGES if cameras is None else ())))
     run = partial(in_scene, count=objects, settings=settings, samples=samples,
                   plan=None if cameras is None else CameraPlan.parse(cameras))
 
@@ -234,7 +236,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     scenes = SceneSettings.make({'kinds': kinds, 'empty': 0.0, 'views': 3,
                                  'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
-    compile_ahead(STDERR, (*SEARCH, *scene_stages()))
+    compile_ahead(STDERR, (*SEARCH, *RENDER))
     run = partial(in_one_scene, of=ViewGainSettings(scenes, ordinary, samples, apart, cap,
                                                     candidates))
     _tabulate(run, range(seed, seed + count), processes, 'scenes', summary_of_gains, written)

@@ -3,7 +3,8 @@
 import click
 
 from pmcl_ros.cli.base import STDERR
-from pmcl_ros.warm_up import CHAIN, OTHER_MODES, Stage, Stages, compile_ahead
+from pmcl_ros.warm_up.chain import CHAIN, OTHER_MODES
+from pmcl_ros.warm_up.stage import compile_ahead
 
 
 @click.command('warm-up')
@@ -15,12 +16,10 @@ def warm_up(everything: bool) -> None:
     On all cores, each kernel once, into NUMBA_CACHE_DIR if that is set. After an update, or on
     another kind of processor, it is needed again. Kernels on disk are not compiled again.
     """
-    compile_ahead(STDERR, (*CHAIN, *OTHER_MODES, *scene_stages()) if everything else CHAIN)
-
-
-def scene_stages() -> Stages:
-    """Of generated scenes."""
-    # Imported here: it is a room of its own, and the progress counts kernels that are imported.
-    from pmcl_ros.simulation.scenes.render import warm_up as render
-    return Stage(render, tuple(f'simulation.scenes.{each}.' for each in (
-        'environment', 'lamps', 'lit', 'materials', 'render', 'sampling', 'shapes', 'trace'))),
+    stages = CHAIN
+    if everything:
+        # Here: the chain needs no simulation.
+        from pmcl_ros.simulation.warm_up import LABELS, RAW_PICTURES, RENDER
+        from pmcl_ros.warm_up.raw import light_stages
+        stages += *OTHER_MODES, *light_stages(), *RENDER, *RAW_PICTURES, *LABELS
+    compile_ahead(STDERR, stages)

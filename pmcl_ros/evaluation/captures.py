@@ -15,7 +15,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import Source, has_posed_views
+from pmcl_ros.lightfield.readers.read import Source, has_pictures, has_posed_views
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.reading import Reading
@@ -94,6 +94,11 @@ class Capture:
         if not any(is_picture(path) for path in self.source.iterdir()):
             return None
         return list_pictures(self.source)[0]
+
+    @property
+    def has_pictures(self) -> bool:
+        """Whether it is of pictures of ordinary cameras; a bag is not looked into."""
+        return self.picture is None and has_pictures(self.source)
 
     @property
     def may_be_posed(self) -> bool:

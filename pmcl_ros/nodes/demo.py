@@ -37,7 +37,8 @@ from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.ros_domain import own_domain
-from pmcl_ros.warm_up import compile_ahead
+from pmcl_ros.warm_up.chain import CHAIN
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _ROOT = Path(__file__).parents[2]
 _PATIENCE = 300.0  # s: for the nodes, and the pose; the first run compiles its kernels
@@ -209,7 +210,7 @@ def main() -> int:
     try:
         with Results(options.out, 'demo', options.force) as results:
             results.reserve(*_PICTURES)
-            compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
+            compile_ahead(_CONSOLE, CHAIN)  # on all cores, before four processes need the kernels
             show(options.bag, results, options.camera == 'simulated')
     except PmclError as error:
         _CONSOLE.print(f'[red]the demo failed:[/] {escape(str(error))}', soft_wrap=True)

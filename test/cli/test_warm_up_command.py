@@ -3,11 +3,12 @@
 What `pmcl warm-up` compiles is what a localisation needs: that of a shipped bag.
 """
 
+import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
-from shutil import copytree, ignore_patterns
 
 import click
 import numpy as np
@@ -15,12 +16,14 @@ import pytest
 from command_line import pmcl_process
 
 from pmcl_ros.cli import main
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.runtime import kernels
-from pmcl_ros.warm_up import CHAIN, OTHER_MODES
+from pmcl_ros.simulation.warm_up import LABELS, RAW_PICTURES, RENDER
+from pmcl_ros.warm_up.chain import CHAIN, OTHER_MODES
+from pmcl_ros.warm_up.raw import light_stages
 
-BAG = Path(__file__).parents[2] / 'bags' / 'wine_glass'
+ROOT = Path(__file__).parents[2]
+BAG = ROOT / 'bags' / 'wine_glass'
 AFTERWARDS = """
 import atexit, sys
 from pmcl_ros.cli import main
@@ -33,9 +36,29 @@ print('warmed up')
 main(['report', *sys.argv[1:]])
 """
 COUNTED = """
-from pmcl_ros import warm_up
 from pmcl_ros.runtime import kernels
-print(kernels.progress(tuple(name for stage in warm_up.{0} for name in stage.kernels))[1])
+from pmcl_ros.warm_up import chain
+print(kernels.progress(tuple(name for stage in chain.{0} for name in stage.kernels))[1])
+"""
+# Each command in a process of its own, forked once all is imported, which takes the time.
+COMMANDS = """
+import json, os, sys
+import click
+from pmcl_ros.cli import main
+from pmcl_ros.runtime import kernels
+for name in main.list_commands(click.Context(main)):
+    main.get_command(click.Context(main), name)
+for number, arguments in enumerate(json.loads(sys.argv[1])):
+    if not os.fork():
+        os.dup2(os.open(f'{number}.out', os.O_WRONLY | os.O_CREAT), 1)
+        os.dup2(os.open(f'{number}.err', os.O_WRONLY | os.O_CREAT), 2)
+        late = []
+        kernels.report_to(late.append)
+        try:
+            main(arguments)
+        finally:
+            print('compiled late:', *late, file=sys.stderr)
+    os.wait()
 """
 LACKING = {f'pmcl.render.gauss_newton.{name}' for name in ('_expand', '_slopes', '_motion')}
 
@@ -53,8 +76,8 @@ def cache(compiled_kernels, tmp_path, monkeypatch):
     def without(*patterns):
         folder = tmp_path / 'cache' / 'kernels'
         monkeypatch.setenv('NUMBA_CACHE_DIR', str(folder.parent))
-        return copytree(compiled_kernels, folder,
-                        ignore=ignore_patterns('*.complete', '*.lock', *patterns))
+        return shutil.copytree(compiled_kernels, folder,
+                               ignore=shutil.ignore_patterns('*.complete', '*.lock', *patterns))
     return without
 
 
@@ -85,7 +108,7 @@ def test_after_it_a_bag_is_reported_on_by_its_name_and_nothing_is_compiled(tmp_p
 def test_no_command_takes_for_missing_what_is_compiled(compiled_kernels):
     for name in main.list_commands(click.Context(main)):
         assert main.get_command(click.Context(main), name)  # imported, with kernels of its own
-    for stage in (*CHAIN, *OTHER_MODES, *scene_stages()):
+    for stage in (*CHAIN, *OTHER_MODES, *light_stages(), *RENDER, *RAW_PICTURES, *LABELS):
         assert stage.mark(compiled_kernels).exists()
 
 
@@ -125,3 +148,49 @@ def test_the_first_start_compiles_with_a_line_that_says_what_and_how_far(
     second = started(*arguments)
     assert 'compil' not in ''.join(second)
     assert result in second[0]
+
+
+@pytest.fixture
+def commands(tmp_path):
+    """Commands, and the kernels that each needs and those before do not.
+
+    Some end with an error as soon as they read their data.
+    """
+    white = ROOT / 'config' / 'cameras' / 'demo_white'
+    for suffix in ('.RAW.xz', '.TXT'):
+        shutil.copy(white.with_suffix(suffix), tmp_path)
+    for capture in (tmp_path / kind / 'glass' for kind in ('bare', 'posed')):
+        capture.mkdir(parents=True)
+        shutil.copy(BAG / 'truth.json', capture)
+        shutil.copy(ROOT / 'models' / 'wine_glass.obj', capture / 'model.obj')
+    pose = np.eye(4).tolist()
+    views = Path('posed') / 'glass' / 'views.yaml'
+    (tmp_path / views).write_text(json.dumps(
+        {'cameras': {'wrist': {'width': 64, 'height': 48, 'fx': 60, 'cx': 31, 'cy': 23}},
+         'views': [{'file': f'{each}.png', 'camera': 'wrist', 'camera_to_reference': pose}
+                   for each in (1, 2)]}))
+    return {
+        ('localize', views, '--object', 'bare/glass/model.obj', '--depths', '0.3', '0.9',
+         '--mode', 'faithful'): [],  # which needs a light field
+        ('lattice', 'demo_white.RAW.xz', '-o', 'lattice'): ['packing._unpack'],
+        ('scenes', 'sequence', '--frames', '1', '--occluded', '0', '--size', '64',
+         '-o', 'sequence'): ['numba_renderer._draw_all'],
+        ('profile', views, '--box', '0', '1', '1', '8', '8', '-o', 'a.yaml'): [
+            'energies._judge'],
+        ('evaluate', 'posed', '--trials', '1', '--processes', '1'): ['gauss_newton._expand'],
+        ('learn', 'bare'): ['edges._differentiate']}
+
+
+def test_other_commands_compile_what_they_need_before_they_begin(commands, cache, tmp_path,
+                                                                 monkeypatch):
+    cache(*(f'{name}-*' for names in commands.values() for name in names))
+    monkeypatch.chdir(tmp_path)
+    subprocess.run([sys.executable, '-c', COMMANDS, json.dumps(list(commands), default=str)],
+                   check=True)
+    for number, (arguments, names) in enumerate(commands.items()):
+        said = Path(f'{number}.err').read_text(encoding='utf-8')
+        *lines, late = [each for each in said.splitlines() if 'compil' in each]
+        summary = re.sub(r'\d+ s$', 's', lines[-1]) if lines else ''
+        assert summary == (f'compiled {len(names)} kernels in s' if names else ''), arguments
+        assert late == 'compiled late:', arguments
+    assert 'needs a light field' in Path('0.err').read_text(encoding='utf-8')

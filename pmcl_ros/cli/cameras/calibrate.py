@@ -21,6 +21,8 @@ from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.runtime.resources import cameras_folder
+from pmcl_ros.warm_up.raw import DECODE
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
 _BOARDS = Needed('pmcl camera capture takes raw pictures: docs/howto/camera.md', folder=True)
@@ -58,6 +60,7 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path 
     board = Checkerboard.parse(corners, square)
     refuse_existing([out, out.with_suffix('.png'), out.with_suffix('.json')], force)
     out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
+    compile_ahead(STDERR, DECODE)
     result = run_calibration(white, boards, board)
     result.calibration.save(out, summary(result))
     write_png(out.with_suffix('.png'), picture(result))

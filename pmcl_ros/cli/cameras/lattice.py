@@ -7,13 +7,15 @@ import numpy as np
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
-from pmcl_ros.cli.base import FOLDER, FORCE, RAW, results_in
+from pmcl_ros.cli.base import FOLDER, FORCE, RAW, STDERR, results_in
 from pmcl_ros.drawing.lattice_picture import lattice_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.lattice import predicted_lattice
 from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
 from pmcl_ros.lightfield.white_image import is_white_image, unevenness
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.warm_up.raw import UNPACK
+from pmcl_ros.warm_up.stage import compile_ahead
 
 
 @click.command()
@@ -34,6 +36,7 @@ def lattice(raw: Path, out: Path, kind: str | None, gain: float, force: bool) ->
     values, drawing = map(results.path, ('lattice.yaml', 'lattice.png'))
     if gain != 1 and not is_mosaic_image(raw):
         raise click.UsageError(f'{raw} is no PNG or JPEG: --gain is for these')
+    compile_ahead(STDERR, () if is_mosaic_image(raw) else UNPACK)
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
     if kind is None:
         kind = 'white' if is_white_image(frame) else 'picture'

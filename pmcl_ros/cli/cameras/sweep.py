@@ -8,14 +8,15 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import FORCE, STDERR
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.sweep.plan import MATCHING, SweepPlan, depth_resolution, width_for
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
-from pmcl_ros.warm_up import EDGES, SEARCH, compile_ahead
+from pmcl_ros.simulation.warm_up import RENDER
+from pmcl_ros.warm_up.chain import EDGES, SEARCH, VOLUME
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _Pose = tuple[float, float, float, float, float, float, float]
 
@@ -97,7 +98,7 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
     """Compare poses in generated scenes from a light-field camera and from sweeps."""
     settings = SceneSettings.make({'kinds': kinds, 'empty': 0, 'outside': 0, 'size': size},
                                   'pmcl sweep compare')
-    compile_ahead(STDERR, (*SEARCH, *scene_stages(), *EDGES))
+    compile_ahead(STDERR, (*SEARCH, *RENDER, *VOLUME, *EDGES))
     arm = Arm(unknown=unknown, unknown_turn=unknown_turn)
     found: list[Trial] = []
     with STDERR.status('scenes') as status:

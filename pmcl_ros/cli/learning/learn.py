@@ -39,6 +39,8 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.warm_up.chain import DRAW, EDGES, ENERGIES, SEARCH
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _LARGEST = 0.14  # m: radius of any generated object
 _TOO_LITTLE = 0.05  # share of right poses by edges that have too little evidence
@@ -88,6 +90,8 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     for capture in captures:
         if not posed and has_posed_views(capture.source):
             raise _has_several(capture)
+    compile_ahead(STDERR, SEARCH if posed else (
+        *EDGES, *((*DRAW, *ENERGIES) if creases else SEARCH)))
     command = (f'pmcl learn {folder}{"" if posed else f" --views {views}"} --seed {seed}'
                f'{" --creases" * creases}{" --map" * of_map}{" --posed" * posed}'
                f'{"" if creases else f" --false-alarms {false_alarms:g}"} --out {out}')

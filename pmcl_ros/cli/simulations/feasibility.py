@@ -19,7 +19,6 @@ from pmcl_ros.cli.simulations.options import (
     simulation_options,
 )
 from pmcl_ros.cli.sources import Search
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
@@ -77,8 +76,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, jo
     click.echo(f'{len(to_make)} of {count} scenes to make, {len(to_search)} more to search in',
                err=True)
     Work(len(to_make), len(sets) * (len(to_make) + len(to_search))).print_time(of, jobs, backend)
-    Search().compile_kernels(raw=is_lytro, posed=not is_lytro,
-                             also=scene_stages() if options['renderer'] == 'fast' else ())
+    Search().compile_kernels(raw=is_lytro, pictures=not is_lytro, also=simulated.stages)
     if isinstance(of.camera, LytroCamera) and (to_make or to_search):
         _calibrated(scenes, of.camera, force)
     one = partial(_studied, folder=scenes.resolve(), of=of, model=model, sets=sets, force=force)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, counter, results_in
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, counter, results_in
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
@@ -19,6 +19,10 @@ from pmcl_ros.simulation.lytro.camera import F01, F01_RAW
 from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.manipulation.physics import mujoco
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
+from pmcl_ros.simulation.warm_up import RAW_PICTURES, RENDER
+from pmcl_ros.warm_up.chain import SEARCH
+from pmcl_ros.warm_up.raw import DECODE
+from pmcl_ros.warm_up.stage import compile_ahead
 
 NAME = 'manipulation.html'
 _CAMERA = 'package://pmcl_ros/config/manipulation/camera.yaml'
@@ -69,6 +73,9 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     series.claim()
     written = results_in(out, force).path(NAME)
     seeds = range(seed, seed + count)
+    is_raw = camera == F01_RAW
+    compile_ahead(STDERR, (*SEARCH, *((*DECODE, *RAW_PICTURES) if is_raw else
+                                      RENDER if renderer == 'fast' else ())))
     seen, given = [], []
     with counter() as bar:
         task = bar.add_task('trials', total=count)

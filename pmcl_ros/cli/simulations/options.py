@@ -43,6 +43,8 @@ from pmcl_ros.simulation.scenes.render import Renderer, fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.simulated_captures import NOTE, Simulation, is_there, place_of
+from pmcl_ros.simulation.warm_up import FIRST_SURFACES, RAW_PICTURES, RENDER
+from pmcl_ros.warm_up.stage import Stages
 
 _REST = 'all that is simulated'  # its digest: what has no name in the note
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
@@ -135,6 +137,16 @@ class Simulated:
         ring = () if of.draw.ring is None else (of.draw.ring.options,)
         values = (item, of.draw.surroundings, settings, of.samples, __version__, *ring)
         return hashlib.sha256(pickle.dumps(values)).hexdigest()[:16]
+
+    @property
+    def stages(self) -> Stages:
+        """The kernels of its pictures: of path-traced ones, those of what goes with them."""
+        of = self.simulation
+        if isinstance(of.camera, LytroCamera):
+            return RAW_PICTURES  # of the white image, whatever renders the scenes
+        if of.renderer is fast:
+            return RENDER
+        return FIRST_SURFACES if of.camera is None else ()
 
     @classmethod
     def from_options(cls, plan: str | None, object_file: Path, camera: str, region: str,

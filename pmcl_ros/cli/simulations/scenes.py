@@ -11,7 +11,6 @@ from rich.progress import Progress
 
 from pmcl_ros import __version__
 from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler, process_options
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.runtime.text_file import read_json
@@ -26,7 +25,9 @@ from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 from pmcl_ros.simulation.simulated_captures import NOTE, Simulation, simulate
-from pmcl_ros.warm_up import compile_ahead
+from pmcl_ros.simulation.warm_up import LABELS, RENDER
+from pmcl_ros.warm_up.chain import DRAW
+from pmcl_ros.warm_up.stage import compile_ahead
 
 _SEQUENCE = SequenceSettings.model_fields
 _PRESETS: dict[str, Callable[..., Scene]] = {'standard': random_scene, 'broad': broad_scene}
@@ -95,7 +96,7 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
     simulation = Simulation(
         partial(_drawn, preset=preset, settings=settings), ordinary, placed, samples=samples,
         digest=hashlib.sha256('\n'.join(made_of).encode()).hexdigest()[:16])
-    compile_ahead(STDERR, scene_stages())
+    compile_ahead(STDERR, RENDER)
     one = partial(simulate, folder=out.resolve(), of=simulation, force=force)
     with Progress(console=STDERR, transient=True) as bar:
         for place in bar.track(run_all(one, range(seed, seed + count), jobs, backend, scheduler),
@@ -127,8 +128,7 @@ def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: st
     seeds = range(first_seed, first_seed + count)
     settings = PictureSettings.make({'renderer': renderer, 'film': not no_film},
                                     'pmcl scenes pictures')
-    if renderer == 'fast':
-        compile_ahead(STDERR, scene_stages())
+    compile_ahead(STDERR, (*RENDER, *LABELS) if renderer == 'fast' else LABELS)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('pictures', total=count)
         made = 0
@@ -172,7 +172,9 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
               'camera_speed': camera_speed, 'views': views, 'size': size}
     kinds = {'kinds': [kind]} if kind else {}
-    made = Sequence(seed, SequenceSettings.make(values | kinds, 'pmcl scenes sequence'))
+    settings = SequenceSettings.make(values | kinds, 'pmcl scenes sequence')
+    compile_ahead(STDERR, DRAW)
+    made = Sequence(seed, settings)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task(made.kind, total=len(made))
         write_sequence(out, made, lambda done: bar.update(task, completed=done), force)

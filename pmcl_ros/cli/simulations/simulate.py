@@ -9,7 +9,6 @@ import click
 from pmcl_ros.cli.base import FOLDER, STDERR, check_scheduler, process_options
 from pmcl_ros.cli.simulations.estimate import Work
 from pmcl_ros.cli.simulations.options import Simulated, processed, shown, simulation_options
-from pmcl_ros.cli.warm_up import scene_stages
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
 from pmcl_ros.simulation.described.ring_sheet import RingSheet
 from pmcl_ros.simulation.lytro.calibration_pictures import (
@@ -19,7 +18,7 @@ from pmcl_ros.simulation.lytro.calibration_pictures import (
 )
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
-from pmcl_ros.warm_up import compile_ahead
+from pmcl_ros.warm_up.stage import compile_ahead
 
 
 @click.command()
@@ -50,8 +49,7 @@ def simulate(ring: str | None, square: float | None, count: int, jobs: int, back
     seeds = range(seed, seed + count)
     scenes = simulated.to_make(seeds, out, force)  # first: what cannot be made takes no folder
     simulated.claim(out, seed)
-    if options['renderer'] == 'fast':
-        compile_ahead(STDERR, scene_stages())
+    compile_ahead(STDERR, simulated.stages)
     camera = simulation.camera
     Work(len(scenes), calibration=pictures_to_make(out, force) if isinstance(camera, LytroCamera)
          else 0).print_time(simulation, jobs, backend)

@@ -38,7 +38,7 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
     Raises as `read_light_field`.
     """
     path = Path(path)
-    if not _has_pictures(path):
+    if not has_pictures(path):
         return read_light_field(path, every, shrink)
     reduction = Reduction(every, shrink)
     if (sweep := _sweep_of_views(path)) is not None:
@@ -66,7 +66,7 @@ def has_posed_views(path: Path | str) -> bool:
         return posed_views.ViewsFile.load(yaml).posed
     if _sweep_of_views(path) is not None or _transforms(path) is not None:
         return True
-    return path.is_dir() and _has_pictures(path) and not pictures_alone(path)
+    return path.is_dir() and has_pictures(path) and not pictures_alone(path)
 
 
 def pictures_alone(path: Path | str) -> list[Path]:
@@ -75,13 +75,13 @@ def pictures_alone(path: Path | str) -> list[Path]:
     Each is one for `read_source`. Raises LightFieldError.
     """
     path = Path(path)
-    scene = (path.is_dir() and _views_yaml(path) is None and _has_pictures(path)
+    scene = (path.is_dir() and _views_yaml(path) is None and has_pictures(path)
              and (path / bop.NAME).is_file())
     return bop.pictures_alone(path) if scene else []
 
 
-def _has_pictures(path: Path) -> bool:
-    """Whether a path is of pictures of ordinary cameras."""
+def has_pictures(path: Path) -> bool:
+    """Whether `read_source` reads pictures of ordinary cameras at a path."""
     if any(each is not None for each in (_views_yaml(path), _sweep_of_views(path),
                                          bop.scene_of(path), _transforms(path))):
         return True
@@ -172,7 +172,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1) -> Light
     path, reduction = Path(path), Reduction(every, shrink)
     if not path.exists():
         raise LightFieldError(f'there is no {path}')
-    if _has_pictures(path):
+    if has_pictures(path):
         raise LightFieldError(f'{path} is of pictures of ordinary cameras, and here a light field '
                               'is needed; localize, report and evaluate take pictures')
     header = Header(stamp_ns=path.stat().st_mtime_ns)
@@ -207,7 +207,7 @@ def _has_grid(path: Path) -> bool:
 
 def check_folder(path: Path) -> None:
     """Raise LightFieldError where a folder has nothing that `read_source` reads."""
-    if _has_grid(path) or _has_pictures(path):
+    if _has_grid(path) or has_pictures(path):
         return
     bop.check_no_root(path)
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
