@@ -28,7 +28,7 @@ from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 pytestmark = pytest.mark.skipif(not hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'),
                                 reason='OpenCV before 4.7')
-OBJECT = Path(__file__).parents[2] / 'config' / 'objects' / 'tumbler.yaml'
+OBJECT = Path(__file__).parents[3] / 'config' / 'objects' / 'tumbler.yaml'
 CAMERA = {'width': 560, 'height': 420, 'fx': 660.0, 'cx': 279.5, 'cy': 209.5, 'noise': 0.002}
 RING = '--ring', '8x11', '--square', '0.024'
 

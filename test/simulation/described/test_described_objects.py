@@ -19,7 +19,7 @@ from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
 
 RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CYLINDER = np.array([[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])
 OPEN = {'mouth': {'z': HEIGHT, 'open': True}}
 GLASS = {'material': 'glass', 'wall': WALL, **OPEN}
