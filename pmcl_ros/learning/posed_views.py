@@ -165,10 +165,11 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     supports = Supports(margins[there], margins[~there],
                         np.array([each.evidence for each in right]))
     least, evidence = supports.threshold(false_alarms), supports.least_evidence(missed)
-    report(f'least support {least:.2f} + {slopes[0]:.2f} log(1 + disagreement) + {slopes[1]:.2f} '
-           f'evidence beyond - {slopes[2]:.2f} evidence - {slopes[3]:.2f} log odds, at '
-           f'{100 * false_alarms:g} % false alarms; {100 * supports.missed(least):.0f} % of what is there '
-           'has less')
+    disagreement, beyond, of_evidence, odds = slopes
+    report(f'least support {least:.2f} + {disagreement:.2f} log(1 + disagreement) + {beyond:.2f} '
+           f'evidence beyond - {of_evidence:.2f} evidence - {odds:.2f} log odds, at '
+           f'{100 * false_alarms:g} % false alarms; '
+           f'{100 * supports.missed(least):.0f} % of what is there has less')
     report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
                   and margin(each) >= least and each.evidence >= evidence]
