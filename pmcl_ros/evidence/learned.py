@@ -141,11 +141,6 @@ class LearnedViews(Settings):
     beyond_slope: float = Field(
         ge=0, description='by how much more for each nat / px of evidence beyond the '
         'contours [1]')
-    evidence_slope: float = Field(
-        0.0, ge=0, description='by how much less for each nat / px of mean evidence [1]')
-    odds_slope: float = Field(
-        0.0, ge=0, description="by how much less for each nat of the log odds of the mode's "
-        'weight [1 / px]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '
         'before views are compared [1]')
@@ -179,10 +174,11 @@ class LearnedViews(Settings):
             self.error_views + views - 1)
 
     def needed(self, views: float, disagreement: float, beyond: float, alone: float) -> float:
-        """The support below which an object is lost, at no evidence and even odds [nat / px].
+        """The support below which an object is lost [nat / px].
 
         views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
-        alone: the same of one view; it is that of views of about one place.
+        alone: that is needed in one view at no evidence and even odds; it is that of views of
+        about one place, less by `slopes`.
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """
@@ -194,11 +190,10 @@ class LearnedViews(Settings):
     def slopes(self, views: float, alone: tuple[float, float]) -> tuple[float, float]:
         """By how much less support is enough for a nat / px of evidence, and for one of log odds.
 
-        views, alone: as of `needed`.
+        views, alone: as of `needed`. In independent views neither takes the place of support.
         """
         alike = _alike(views)
-        return (alike * alone[0] + (1 - alike) * self.evidence_slope,
-                alike * alone[1] + (1 - alike) * self.odds_slope)
+        return alike * alone[0], alike * alone[1]
 
 
 def _alike(views: float) -> float:

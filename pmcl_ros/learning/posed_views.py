@@ -23,7 +23,6 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.support import log_odds
 from pmcl_ros.runtime.errors import LocalizationError
 
 # While these are learned: nothing is lost, and the model error is that of one view. A displacement
@@ -153,22 +152,20 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     clear = [each for each in found
              if each.weight >= least_weight and math.isfinite(each.support)]
     slopes = support_slopes(
-        [[each.support, *_instead(each)] for each in clear if each.deviation is not None],
-        [[each.support, *_instead(each)] for each in clear if not each.there]).round(2)
+        [[each.support, *-_asked(each)] for each in clear if each.deviation is not None],
+        [[each.support, *-_asked(each)] for each in clear if not each.there]).round(2)
 
     def margin(each: ViewsSearch) -> float:
         if each.weight < least_weight:
             return -math.inf
-        return each.support + float(slopes @ _instead(each))
+        return each.support - float(slopes @ _asked(each))
 
     margins = np.array([margin(each) for each in found])
     supports = Supports(margins[there], margins[~there],
                         np.array([each.evidence for each in right]))
     least, evidence = supports.threshold(false_alarms), supports.least_evidence(missed)
-    disagreement, beyond, of_evidence, odds = slopes
-    report(f'least support {least:.2f} + {disagreement:.2f} log(1 + disagreement) + {beyond:.2f} '
-           f'evidence beyond - {of_evidence:.2f} evidence - {odds:.2f} log odds, at '
-           f'{100 * false_alarms:g} % false alarms; '
+    report(f'least support {least:.2f} + {slopes[0]:.2f} log(1 + disagreement) + {slopes[1]:.2f} '
+           f'evidence beyond, at {100 * false_alarms:g} % false alarms; '
            f'{100 * supports.missed(least):.0f} % of what is there has less')
     report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
@@ -177,8 +174,7 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     learned = fitted(deviations).model_copy(update={
         'displacement': round(displacement, 2),
         'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
-        **dict(zip(('support_slope', 'beyond_slope', 'evidence_slope', 'odds_slope'),
-                   slopes.tolist(), strict=True))})
+        'support_slope': round(float(slopes[0]), 2), 'beyond_slope': round(float(slopes[1]), 2)})
     squares = [each.square(learned) for each in deviations]
     dimensions = [len(each.deviation) for each in deviations]
     degrees = fitted_degrees_of_freedom(squares, dimensions)
@@ -194,12 +190,9 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     return learned
 
 
-def _instead(each: ViewsSearch) -> NDArray[np.float64]:
-    """(4,) what takes the place of support: less of log(1 + disagreement) and of evidence beyond
-    the contours, and more of evidence and of the log odds of the mode's weight.
-    """
-    return np.array([-math.log1p(each.disagreement), -each.beyond, each.evidence,
-                     log_odds(each.weight)])
+def _asked(each: ViewsSearch) -> NDArray[np.float64]:
+    """(2,) what more support is asked for: log(1 + disagreement), evidence beyond the contours."""
+    return np.array([math.log1p(each.disagreement), each.beyond])
 
 
 def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:

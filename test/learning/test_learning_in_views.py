@@ -6,8 +6,6 @@ import pytest
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.learning.posed_views import ViewsDeviation, ViewsSearch, fitted, learned_from
 from pmcl_ros.learning.support_slopes import support_slopes
-from pmcl_ros.pmcl.estimator import Thresholds
-from pmcl_ros.pmcl.support import log_odds
 from pmcl_ros.runtime.errors import LocalizationError
 
 DISPLACEMENT = 0.3  # px
@@ -50,44 +48,33 @@ def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
 
 
 OF = numbers(0.4, 3.0, 1.0)
-SPREAD = 0.5, 0.5, 0.2, 0.3, 1.0  # of support, log(1 + Q), evidence beyond, evidence, log odds
-ODDS = 4.0, -2.0, -3.75, 3.0, 0.8  # log odds for a unit of each
+SPREAD = 0.5, 0.5, 0.2  # of support, log(1 + Q), evidence beyond
 
 
 def found_and_elsewhere(count, seed=1):
-    """Searches of which the log odds that the object is there are linear, by ODDS."""
+    """Searches whose log odds grow by 4 a nat / px of support, and fall by 2 with log(1 + Q) and
+    by 3.75 a nat / px beyond."""
     rng = np.random.default_rng(seed)
-    elsewhere = np.array([0.2, 1.5, 0.75, 1.0, 0.0])
-    there = elsewhere + np.square(SPREAD) * ODDS
     found = []
-    for mean, made in ((there, deviations(count, OF)), (elsewhere, [None] * count)):
-        for each in made:
-            support, apart, beyond, evidence, odds = rng.normal(mean, SPREAD)
-            found.append(ViewsSearch(
-                each is not None, support, evidence, 0.5 + 0.5 * np.tanh(odds / 2),
-                np.expm1(max(apart, 0)), max(beyond, 0), each))
+    for each in deviations(count, OF):
+        support, apart, beyond = rng.normal([1.2, 1.0, 0.6], SPREAD)
+        found.append(ViewsSearch(True, support, 1.7 + 0.3 * support, 1.0, np.expm1(max(apart, 0)),
+                                 max(beyond, 0), each))
+    for _ in range(count):
+        support, apart, beyond = rng.normal([0.2, 1.5, 0.75], SPREAD)
+        found.append(ViewsSearch(False, support, 1.0, 1.0, np.expm1(max(apart, 0)),
+                                 max(beyond, 0)))
     return found
-
-
-def rows(found):
-    return [[each.support, -np.log1p(each.disagreement), -each.beyond, each.evidence,
-             log_odds(each.weight)] for each in found]
 
 
 @pytest.mark.parametrize('false_alarms', [0.05, 0.1])
 def test_thresholds_are_between_objects_there_and_elsewhere(false_alarms):
     found = found_and_elsewhere(400)
     lines = []
-    learned = learned_from(found, 0.0, false_alarms, 0.02, lines.append)
-    slopes = learned.slopes(2.0, (9.0, 9.0))
-
-    def is_claimed(each):
-        needed = learned.needed(2.0, each.disagreement, each.beyond, 9.0)
-        return each.support > Thresholds(needed, 0.0, slopes=slopes).needed(
-            each.evidence, each.weight)
-
-    over = {there: np.mean([is_claimed(each) for each in found if each.there == there])
-            for there in (False, True)}
+    learned = learned_from(found, 0.95, false_alarms, 0.02, lines.append)
+    over = {there: np.mean([
+        each.support > learned.needed(2.0, each.disagreement, each.beyond, 9.0)
+        for each in found if each.there == there]) for there in (False, True)}
     assert over[False] == pytest.approx(false_alarms, abs=0.01)
     assert over[True] > np.mean([each.support > np.quantile(
         [one.support for one in found if not one.there], 1 - false_alarms)
@@ -102,16 +89,18 @@ def test_thresholds_are_between_objects_there_and_elsewhere(false_alarms):
 
 def test_the_odds_that_made_the_searches_are_found():
     found = found_and_elsewhere(4000)
-    slopes = support_slopes(*(rows(each for each in found if each.there == there)
-                              for there in (True, False)))
-    np.testing.assert_allclose(slopes, np.abs(ODDS[1:]) / ODDS[0], rtol=0.15)
+    slopes = support_slopes(*(
+        [[each.support, -np.log1p(each.disagreement), -each.beyond] for each in found
+         if each.there == there] for there in (True, False)))
+    np.testing.assert_allclose(slopes, (2 / 4, 3.75 / 4), rtol=0.15)
 
 
 def test_support_that_tells_nothing_apart_is_refused():
     found = [ViewsSearch(there, each + (0.0 if there else 0.2), 1.7, 1.0, 0.0, 0.0)
              for there in (True, False) for each in np.linspace(0, 1, 20)]
     with pytest.raises(LocalizationError, match='20 right poses have no more support than 20'):
-        support_slopes(rows(found[:20]), rows(found[20:]))
+        support_slopes(*([[each.support, 0.0, 0.0] for each in group]
+                         for group in (found[:20], found[20:])))
 
 
 def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():
@@ -126,14 +115,13 @@ def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():
 
 def test_views_that_disagree_need_more_support_and_views_of_one_place_as_much_as_one():
     of = numbers(0.8, 3.0, 0.5).model_copy(update={
-        'least_support': -0.2, 'support_slope': 0.5, 'beyond_slope': 2.0,
-        'evidence_slope': 0.6, 'odds_slope': 0.3})
+        'least_support': -0.2, 'support_slope': 0.5, 'beyond_slope': 2.0})
     assert of.needed(1.0, 7.0, 1.0, 0.4) == 0.4
     assert of.needed(3.0, 0.0, 0.0, 0.4) == pytest.approx(-0.2)
     assert of.needed(3.0, np.expm1(2.0), 0.0, 0.4) == pytest.approx(0.8)
     assert of.needed(3.0, 0.0, 0.5, 0.4) == pytest.approx(0.8)
     assert of.slopes(1.0, (0.4, 0.2)) == (0.4, 0.2)
-    assert of.slopes(3.0, (0.4, 0.2)) == pytest.approx((0.6, 0.3))
+    assert of.slopes(3.0, (0.4, 0.2)) == pytest.approx((0.0, 0.0))
 
 
 def test_too_few_searches_are_refused():
