@@ -99,7 +99,8 @@ class _Layout:
             at=np.array(at, np.int64).reshape(-1, 2),
             bounds=np.array(bounds, float).reshape(-1, 3),
             materials=np.array(self._materials, float), sheets=sheets, decals=decals,
-            textures=np.stack(textures),
+            # Of plain colours np.stack keeps the strides: kernels would be compiled for these too.
+            textures=np.ascontiguousarray(np.stack(textures)),
             panorama=room.panorama,
             irradiance=irradiance,
             turn=np.ascontiguousarray(turn, float), lamps=_lamps(room, turn),
