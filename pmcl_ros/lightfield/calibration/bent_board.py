@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -146,8 +146,9 @@ class _Bundle:
             corners = seen[own]
             pose = sheet_pose(self._flat[own], corners, _matrix(self._camera), self._camera[4:])
             poses.append(np.concatenate(pose))
-        return self._with_variance(_Values(
-            np.zeros(self._unknown + self.sheet.terms.shape[1]), np.array(poses), np.inf))
+        values = _Values(
+            np.zeros(self._unknown + self.sheet.terms.shape[1]), np.array(poses), np.inf)
+        return self._with_variance(values, self._squares(values))
 
     def adjusted(self, values: _Values, size: float) -> _Values:
         """The most likely values nearby, of bends whose terms have a size [m].
@@ -155,16 +156,18 @@ class _Bundle:
         A bundle adjustment by Gauss-Newton steps; the scale of the corners' errors is estimated,
         too (expectation maximisation).
         """
-        cost = self.cost(values, size)
+        squares = self._squares(values)
+        cost = self._cost(values, squares, size)
         for _ in range(_STEPS):
             step, _ = self.step(values, size)
             for halving in range(_HALVINGS):
                 ahead = values.moved(step, 0.5 ** halving)
-                if self.cost(ahead, size) < cost:
-                    values = ahead
+                left = self._squares(ahead)
+                if self._cost(ahead, left, size) < cost:
+                    values, squares = ahead, left
                     break
-            values = self._with_variance(values)
-            before, cost = cost, self.cost(values, size)
+            values = self._with_variance(values, squares)
+            before, cost = cost, self._cost(values, squares, size)
             if before - cost < _DONE * self.count:
                 break
         return values
@@ -179,20 +182,22 @@ class _Bundle:
 
     def off(self, values: _Values) -> list[NDArray[np.float64]]:
         """(m, 2) of each picture, seen less expected [px]."""
-        return [off for off, _, _ in self._views(values)]
+        return [corners - expected for corners, _, expected, _ in self._projected(values)]
 
     def cost(self, values: _Values, size: float) -> float:
         """Negative logarithm of the likelihood and of the prior, without what is constant."""
-        off = self._squares(values) / values.variance
+        return self._cost(values, self._squares(values), size)
+
+    def _cost(self, values: _Values, squares: NDArray[np.float64], size: float) -> float:
+        off = squares / values.variance
         return float(
             self._prior @ np.square(values.shared[:self._unknown]) / 2
             + (_FREEDOM + 2) / 2 * np.log1p(off / _FREEDOM).sum()
             + self.count * np.log(values.variance)
             + bend_cost(values.shared[self._unknown:], size))
 
-    def _with_variance(self, values: _Values) -> _Values:
-        """The same with the variance that these weights give."""
-        squares = self._squares(values)
+    def _with_variance(self, values: _Values, squares: NDArray[np.float64]) -> _Values:
+        """The same with the variance that these weights give. squares: of the corners there."""
         mean = (_weights(squares / values.variance) * squares).sum() / self._free(values)
         return values._replace(variance=max(float(mean), LEAST_NOISE ** 2))
 
@@ -240,16 +245,24 @@ class _Bundle:
         """Of each picture: corners seen less expected (m, 2) [px]; derivatives of the expected
         ones, x and y in turn, by the pose (2 m, 6) and by what is shared (2 m, q + k).
         """
-        points, camera = self.points(values), self.camera(values)
         by_bend = self.sheet.derivatives(values.shared[self._unknown:])
-        for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
-            expected, every = cv2.projectPoints(points[own], pose[:3], pose[3:], _matrix(camera),
-                                                camera[4:])
-            slopes = np.asarray(every, float)
+        for (corners, own, expected, slopes), pose in zip(self._projected(values), values.poses,
+                                                          strict=True):
             by_place = (slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0]).reshape(-1, 2, 3)
             by_shared = [slopes[:, _BY_CAMERA] @ self._onto,
                          (by_place @ by_bend[own]).reshape(len(slopes), -1)]
-            yield corners - expected[:, 0], slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
+            yield corners - expected, slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
+
+    def _projected(self, values: _Values) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Of each picture: corners seen (m, 2) [px]; (n,) which these are; where they are expected
+        (m, 2) [px]; OpenCV's derivatives (2 m, 14) of that.
+        """
+        points, camera = self.points(values), self.camera(values)
+        matrix = _matrix(camera)
+        for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
+            expected, slopes = cv2.projectPoints(points[own], pose[:3], pose[3:], matrix,
+                                                 camera[4:])
+            yield corners, own, expected[:, 0], np.asarray(slopes, float)
 
 
 def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:

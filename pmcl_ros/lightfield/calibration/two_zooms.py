@@ -6,6 +6,7 @@ two groups, the zoom or the focus was moved.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -72,9 +73,9 @@ class _View:
         return cls(points, corners, turn, place)
 
     def fitted(self, shared: NDArray[np.float64], log: float
-               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+               ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Residuals (2 m,) [px] at the pose that fits best; their derivatives (2 m, 8 + 1) by the
-        shared unknowns and the logarithm of fx, along which the pose follows.
+        shared unknowns and the logarithm of fx, and by the pose (2 m, 6).
         """
         focal, ratio = np.exp(log), shared[0]
         matrix = np.array([[focal, 0, shared[1]], [0, ratio * focal, shared[2]], [0, 0, 1]])
@@ -84,8 +85,7 @@ class _View:
         by_pose, lens = np.asarray(slopes[:, :6], float), np.asarray(slopes[:, _OF_LENS], float)
         by_fx, by_fy = lens[:, :1], lens[:, 1:2]
         own = np.hstack([focal * by_fy, lens[:, 2:], focal * (by_fx + ratio * by_fy)])
-        return ((expected[:, 0] - self.corners).ravel(),
-                own - by_pose @ np.linalg.lstsq(by_pose, own, rcond=None)[0])
+        return (expected[:, 0] - self.corners).ravel(), own, by_pose
 
 
 def _own_focal_lengths(views: list[_View], camera: NDArray[np.float64]
@@ -99,14 +99,21 @@ def _own_focal_lengths(views: list[_View], camera: NDArray[np.float64]
     values = np.array([fy / fx, *others, 0, *np.full(count, np.log(fx))])
     sigmas = np.ones(count)
 
+    @lru_cache(1)  # the derivatives are asked for where the residuals just were
+    def fitted(values: bytes) -> list[tuple[NDArray[np.float64], ...]]:
+        shared, logs = np.split(np.frombuffer(values).copy(), [_SHARED])
+        return [each.fitted(shared, log) for each, log in zip(views, logs, strict=True)]
+
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([each.fitted(values[:_SHARED], log)[0] / sigma for each, log, sigma
-                               in zip(views, values[_SHARED:], sigmas, strict=True)])
+        return np.concatenate([off / sigma for (off, _, _), sigma
+                               in zip(fitted(values.tobytes()), sigmas, strict=True)])
 
     def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
         rows = []
-        for number, (each, sigma) in enumerate(zip(views, sigmas, strict=True)):
-            _, slopes = each.fitted(values[:_SHARED], values[_SHARED + number])
+        for number, ((_, own, by_pose), sigma) in enumerate(zip(fitted(values.tobytes()), sigmas,
+                                                                strict=True)):
+            # The pose follows.
+            slopes = own - by_pose @ np.linalg.lstsq(by_pose, own, rcond=None)[0]
             rows.append(np.zeros((len(slopes), len(values))))
             rows[-1][:, :_SHARED] = slopes[:, :-1] / sigma
             rows[-1][:, _SHARED + number] = slopes[:, -1] / sigma
