@@ -253,7 +253,7 @@ class _Bundle:
                          (by_place @ by_bend[own]).reshape(len(slopes), -1)]
             yield corners - expected, slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
 
-    def _projected(self, values: _Values) -> Iterator[tuple[NDArray[Any], ...]]:
+    def _projected(self, values: _Values) -> Iterator[tuple[Any, ...]]:
         """Of each picture: corners seen (m, 2) [px]; (n,) which these are; where they are expected
         (m, 2) [px]; OpenCV's derivatives (2 m, 14) of that.
         """

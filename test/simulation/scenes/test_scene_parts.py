@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_scenes import plain_scene, pose_at
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.runtime.errors import SettingsError
@@ -16,9 +17,11 @@ from pmcl_ros.simulation.scenes.environment import (
 )
 from pmcl_ros.simulation.scenes.poses import camera_above, resting
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
+from pmcl_ros.simulation.scenes.scene import Sheet
 from pmcl_ros.simulation.scenes.sensor import pupil_views
 from pmcl_ros.simulation.scenes.shapes.vessels import KINDS, outer_mesh, random_vessel
 from pmcl_ros.simulation.scenes.textures import PATTERNS, SIZE
+from pmcl_ros.simulation.scenes.world import World
 
 
 @settings(deadline=None, max_examples=60)
@@ -132,3 +135,14 @@ def test_things_rest_on_the_table(way):
 def test_settings_refuse_views_without_a_centre():
     with pytest.raises(SettingsError, match='odd'):
         SceneSettings.make({'views': 4})
+
+
+def test_arrays_of_a_scene_are_contiguous_whatever_its_textures():
+    """Else the kernels would be compiled once more, for other strides."""
+    plain = np.broadcast_to(np.float32([0.6, 0.1, 0.1]), (SIZE, SIZE, 3))
+    for textures in ([plain], [plain, plain.copy()], [plain.copy().swapaxes(0, 1)]):
+        world = World.from_scene(plain_scene(sheets=[
+            Sheet(pose_at(0, 0, 0.5), (0.1, 0.1), each, 0.1) for each in textures]))
+        assert len(world.textures) == len(textures)
+        for array in world:
+            assert array.flags.c_contiguous
