@@ -77,8 +77,10 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         raise click.UsageError(f'{raw} is no PNG or JPEG: --gain is for these')
     if calibration is not None and white is None:
         raise click.UsageError(f'--calibration needs --white. {OF_CAMERA}')
+    # Read first, what needs no kernels to be read: so it is refused before they are compiled.
+    image = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else None
     compile_ahead(STDERR, DECODE if white is not None else (*DECODE, *light_stages()))
-    frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
+    frame = read_raw_frame(raw) if image is None else image
     if calibration is None or white is None:
         chosen = None if white is None else choose_white(white, frame.metadata).frame
         decoder = uncalibrated_decoder(frame, chosen, views, size)
