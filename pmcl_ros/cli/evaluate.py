@@ -115,8 +115,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     results = None if out is None else results_in(out, force)
     if results is not None:  # first: the rest takes minutes
         results.reserve(*_RESULTS, *(_bop_name(each) for each in rows))
-    for mode, kind in {(each.mode, each.evidence) for each in (
-            row.search(chosen[0]) for row in rows.values())}:
+    for mode, kind in dict.fromkeys((each.mode, each.evidence) for each in (
+            row.search(chosen[0]) for row in rows.values())):
         Search(mode, kind).compile_kernels(any(each.picture is not None for each in chosen),
                                            all(each.has_pictures for each in chosen))
     camera = _camera(captures, chosen, calibration, white, corners, square)

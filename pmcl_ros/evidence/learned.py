@@ -177,8 +177,8 @@ class LearnedViews(Settings):
         """The support below which an object is lost [nat / px].
 
         views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
-        alone: that is needed in one view at no evidence and even odds; it is that of views of
-        about one place, less by `slopes`.
+        alone: the support that is needed in one view at no evidence and even odds; views of about
+        one place need it too, less by `slopes`.
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """

@@ -1,5 +1,6 @@
 """Searches for objects in scenes with and without them: support and evidence of both."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -40,7 +41,9 @@ class Search:
     deviation: Deviation | None = None
 
     def margin(self, slopes: tuple[float, float]) -> float:
-        """The support, and what takes its place (`Thresholds.slopes`)."""
+        """The support, and what takes its place (`Thresholds.slopes`); -inf without a contour."""
+        if not math.isfinite(self.support):
+            return -math.inf
         return self.support + slopes[0] * self.evidence + slopes[1] * log_odds(self.weight)
 
     def is_claimed(self, least: Thresholds) -> bool:

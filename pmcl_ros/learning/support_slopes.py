@@ -15,16 +15,19 @@ def support_slopes(right: ArrayLike, elsewhere: ArrayLike) -> NDArray[np.float64
 
     right, elsewhere: (n, 1 + k) and (m, 1 + k) support and the other numbers of right poses, and
     of poses found for objects that are not there. Of the odds that a pose is right, by logistic
-    regression, both kinds weighted alike. Raises LocalizationError where support does not tell
-    them apart.
+    regression, both kinds weighted alike. Raises LocalizationError where there are none of a kind,
+    and where support does not tell them apart.
     """
     groups = [np.asarray(each, float) for each in (right, elsewhere)]
     counts = [len(each) for each in groups]
-    given = np.concatenate([each for each in groups if len(each)])
+    if not all(counts):
+        raise LocalizationError(f'{counts[0]} right poses and {counts[1]} poses found for objects '
+                                'that are elsewhere: both are needed; learn from more scenes')
+    given = np.concatenate(groups)
     scale = np.where(np.ptp(given, axis=0) > 0, given.std(axis=0), 1.0)
     given = np.column_stack([given / scale, np.ones(len(given))])
     sign = np.repeat([1.0, -1.0], counts)
-    weight = np.repeat([0.5 / max(each, 1) for each in counts], counts)
+    weight = np.repeat([0.5 / each for each in counts], counts)
 
     def unlikely(odds: NDArray[np.float64]) -> float:
         return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)

@@ -174,13 +174,14 @@ class PoseEstimate:
         if self.evidence < self.least_evidence:
             return (f'lost as its contour has {self.evidence:.2f} nat/px of evidence, '
                     f'{self.least_evidence:.2f} are needed')
-        if self.support < self.least_support:
-            return (f'lost as the weakest part of its contour has {self.support:.2f} nat/px of '
-                    f'evidence, {self.least_support:.2f} are needed')
+        # Before the support: in a contour map more of it is needed where the weight is low.
         if self.modes and self.modes[0].weight < self.least_weight:
             return (f'lost as other poses are as likely: this one has '
                     f'{100 * self.modes[0].weight:.0f} % of the posterior; has it a symmetry to '
                     'declare?')
+        if self.support < self.least_support:
+            return (f'lost as the weakest part of its contour has {self.support:.2f} nat/px of '
+                    f'evidence, {self.least_support:.2f} are needed')
         return ''
 
 

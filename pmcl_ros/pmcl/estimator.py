@@ -54,7 +54,12 @@ class Thresholds:
                    volume.support_slopes)
 
     def needed(self, evidence: float, weight: float) -> float:
-        """The support that a pose of this evidence and weight needs [nat / px]."""
+        """The support that a pose of this evidence and weight needs [nat / px].
+
+        `support` where there is no evidence, minus infinity: such a pose is lost by that.
+        """
+        if not math.isfinite(evidence):
+            return self.support
         of_evidence, of_odds = self.slopes
         return self.support - of_evidence * evidence - of_odds * log_odds(weight)
 
@@ -99,11 +104,11 @@ class Estimator:
         support = contour_support(shown.points_at(pose), shown.share_at(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         weight = float(shares[order[0]])
-        needed = least.needed(evidence, weight) if evidence > -np.inf else np.inf
+        needed = least.needed(evidence, weight)
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
         partly = support < needed
-        otherwise = evidence < least.evidence or weight < least.weight
+        otherwise = not evidence >= least.evidence or weight < least.weight
         return PoseEstimate(header, pose, spread, particles, np.full(count, -np.log(count)),
                             local.evidence, partly or otherwise, self.settings.mode, modes,
                             support, evidence, incomplete=partly and not otherwise,

@@ -17,7 +17,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 _ARC = 20.0  # px: length of an arc with one mean; contributions farther apart share no noise
 _PART = 0.2  # of a contour: its weakest part
 _BEYOND = np.arange(4.0, 16.0)  # px outwards: where the contour of a larger object may be
-_HALF = 0.0025  # share of the posterior: half a particle of the default number
+_HALF = 0.0025  # share of the posterior: half of one in 200 particles, whatever their number
 _OWN = 3.0  # px: a place as near to the contour as this is a part of it
 
 
@@ -72,8 +72,8 @@ def evidence_beyond(points: ContourPoints, volume: EvidenceVolume, profile: Cont
 def log_odds(weight: float) -> float:
     """Log odds of the posterior weight of a mode, 0 to 1 [nat].
 
-    The weight is a share of a sample: of one that holds all particles, half a particle more may
-    be elsewhere.
+    The weight is a share of a sample: of one that holds all of some 200 particles, half a particle
+    more may be elsewhere.
     """
     return math.log((weight + _HALF) / (1 - weight + _HALF))
 

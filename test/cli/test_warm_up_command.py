@@ -200,4 +200,5 @@ def test_other_commands_compile_what_they_need_before_they_begin(commands, cache
         summary = re.sub(r'\d+ s$', 's', lines[-1]) if lines else ''
         assert summary == (f'compiled {len(names)} kernels in s' if names else ''), arguments
         assert late == 'compiled late:', arguments
+        assert 'Traceback' not in said, arguments
     assert 'needs a light field' in Path('0.err').read_text(encoding='utf-8')

@@ -112,7 +112,6 @@ from pmcl_ros.evidence.learned import LearnedContour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.learning.searches import searches
-from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 
@@ -147,6 +146,24 @@ def test_the_slopes_are_those_of_the_odds():
         assert share[1] == pytest.approx(0.05, abs=0.002)
         assert share[0] == pytest.approx(1 - supports.missed(least.support), abs=0.002)
         assert share[0] == pytest.approx(norm.cdf(distance - norm.ppf(0.95)), abs=0.01)
+
+
+def test_a_search_that_found_no_contour_has_no_support():
+    nothing = Search(False, -np.inf, -np.inf, 1.0)
+    for slopes in ((0.0, 0.0), (0.5, 0.3)):
+        assert nothing.margin(slopes) == -np.inf
+        assert not nothing.is_claimed(Thresholds(-9.0, -9.0, slopes=slopes))
+    found = [Search(True, 1.0, 1.0, 1.0, NO_DEVIATION), *[Search(False, 0.0, 1.0, 1.0)] * 99]
+    assert Supports.from_searches([*found, nothing]).threshold(0.05) == 0.0
+
+
+@pytest.mark.parametrize('kept', [{True}, {False}, set()])
+def test_slopes_need_right_poses_and_others(kept):
+    found = [Search(there, support, 1.0, 1.0, NO_DEVIATION if there else None)
+             for there in kept for support in np.linspace(0, 1, 20) + there]
+    told = f'{20 * (True in kept)} right poses and {20 * (False in kept)} poses'
+    with pytest.raises(LocalizationError, match=told):
+        slopes_of(found, 0.0)
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():

@@ -234,7 +234,9 @@ def test_a_pose_that_is_as_likely_as_another_is_lost():
                             renderer='numba', proposals=100)
     for least, tensor, lost in ((0.9, both, True), (0.0, both, False), (0.9, one.tensor, False)):
         odds = replace(one, tensor=np.ascontiguousarray(tensor), numbers=NUMBERS.model_copy(
-            update={'least_weight': least, 'inside_weight': 0.0}))
+            update={'least_weight': least, 'inside_weight': 0.0, 'odds_slope': 0.5,
+                    'least_support': 1.0 if lost else NUMBERS.least_support}))
         with Localizer(CUP, settings) as localizer:
             found = localizer.localize(odds, np.random.default_rng(0))
         assert found.lost is lost, found.modes
+        assert ('other poses are as likely' in found.describe()) is lost

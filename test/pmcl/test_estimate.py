@@ -52,6 +52,10 @@ def test_the_dictionary_is_what_the_command_line_promises():
     ({'lost': True, 'least_weight': 0.95}, 'lost; best hypothesis',
      '; lost as other poses are as likely: this one has 75 % of the posterior; has it a '
      'symmetry to declare?'),
+    ({'lost': True, 'least_weight': 0.95, 'support': 0.2, 'least_support': 2.45},
+     'lost; best hypothesis',  # more support is needed as the weight is low
+     '; lost as other poses are as likely: this one has 75 % of the posterior; has it a '
+     'symmetry to declare?'),
     ({'lost': True, 'support': 0.2, 'least_support': 0.36}, 'lost; best hypothesis',
      '; lost as the weakest part of its contour has 0.20 nat/px of evidence, 0.36 are needed'),
     ({'lost': True, 'evidence': 0.9, 'least_evidence': 1.03}, 'lost; best hypothesis',

@@ -100,17 +100,17 @@ def _own_focal_lengths(views: list[_View], camera: NDArray[np.float64]
     sigmas = np.ones(count)
 
     @lru_cache(1)  # the derivatives are asked for where the residuals just were
-    def fitted(values: bytes) -> list[tuple[NDArray[np.float64], ...]]:
-        shared, logs = np.split(np.frombuffer(values).copy(), [_SHARED])
+    def fits(packed: bytes) -> list[tuple[NDArray[np.float64], ...]]:
+        shared, logs = np.split(np.frombuffer(packed).copy(), [_SHARED])
         return [each.fitted(shared, log) for each, log in zip(views, logs, strict=True)]
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([off / sigma for (off, _, _), sigma
-                               in zip(fitted(values.tobytes()), sigmas, strict=True)])
+                               in zip(fits(values.tobytes()), sigmas, strict=True)])
 
     def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
         rows = []
-        for number, ((_, own, by_pose), sigma) in enumerate(zip(fitted(values.tobytes()), sigmas,
+        for number, ((_, own, by_pose), sigma) in enumerate(zip(fits(values.tobytes()), sigmas,
                                                                 strict=True)):
             # The pose follows.
             slopes = own - by_pose @ np.linalg.lstsq(by_pose, own, rcond=None)[0]

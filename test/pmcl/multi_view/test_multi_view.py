@@ -24,6 +24,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import pose_of, retract
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, understated
@@ -307,6 +308,23 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     assert untold.disagreement > 3 * max(exact.disagreement, allowed.disagreement)
     assert allowed.least_support == -2.0
     assert CUP.symmetry.credible_level(truth, allowed.pose, allowed.covariance) < 0.99
+
+
+def test_views_of_about_one_place_need_the_support_of_one(context):
+    evidence = maps_seen(context, CUP, truth_of(CUP), around([0, 1]), CAMERA)
+    slopes = 0.5, 0.25
+    numbers = NUMBERS.model_copy(update={'evidence_slope': slopes[0], 'odds_slope': slopes[1]})
+    evidence = replace(evidence, views=tuple(
+        replace(each, evidence=replace(each.evidence, numbers=numbers))
+        for each in evidence.views))
+    near = found(CUP, evidence)
+    views = JointEvidence.from_views(evidence, NumbaRenderer(), CUP, settings()).independent
+    of = learned_views()
+    assert of.slopes(views, slopes)[0] > 0.2 * slopes[0]
+    least = Thresholds(of.needed(views, near.disagreement, near.beyond, NUMBERS.least_support),
+                       of.least_evidence, slopes=of.slopes(views, slopes))
+    assert near.least_support == pytest.approx(least.needed(near.evidence, near.modes[0].weight))
+    assert found(CUP, evidence, least_support=-2.0).least_support == -2.0
 
 
 def test_beyond_a_smaller_object_the_larger_one_shows(context):
