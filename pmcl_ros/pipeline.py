@@ -119,7 +119,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     """
     check_mode(mode, not isinstance(source, LightField))
     if mode == 'faithful':
-        assert isinstance(source, LightField)
+        assert isinstance(source, LightField)  # as was checked
         return build_volume(source, settings)
     source = binned_to_fit(source, settings)
     if isinstance(source, PosedViews):

@@ -218,7 +218,7 @@ class GivenSource(GivenReading):
             raise click.UsageError(f'{self.source} has no poses of its cameras: --sigma-mm and '
                                    '--sigma-deg are errors of such')
         if search is not None:
-            search.compile_kernels(False, opened.pictures, opened.posed)
+            search.compile_kernels(pictures=opened.pictures, posed=opened.posed)
         return opened
 
     def _reading(self) -> Reading:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -76,6 +76,19 @@ def bent_with_lens(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np
     onto[[0, 1], 0], onto[2, 1], onto[3, 2] = camera[:2], 1, 1
     usual = np.array([_USUAL_LONGER, *2 * [USUAL_ASIDE * pinhole.fx]])
     return _adjusted(pictures, flat, camera, onto, 1 / usual ** 2)
+
+
+class _Projected(NamedTuple):
+    """Corners of a board in a picture.
+
+    seen: (m, 2) [px]. own: (n,) which of the board's these are. expected: (m, 2) where they are
+    expected [px]. slopes: (2 m, 14) OpenCV's derivatives of that.
+    """
+
+    seen: NDArray[np.float64]
+    own: NDArray[np.bool_]
+    expected: NDArray[np.float64]
+    slopes: NDArray[np.float64]
 
 
 class _Values(NamedTuple):
@@ -253,16 +266,15 @@ class _Bundle:
                          (by_place @ by_bend[own]).reshape(len(slopes), -1)]
             yield corners - expected, slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
 
-    def _projected(self, values: _Values) -> Iterator[tuple[Any, ...]]:
-        """Of each picture: corners seen (m, 2) [px]; (n,) which these are; where they are expected
-        (m, 2) [px]; OpenCV's derivatives (2 m, 14) of that.
-        """
+    def _projected(self, values: _Values) -> Iterator[_Projected]:
+        """Of each picture."""
         points, camera = self.points(values), self.camera(values)
         matrix = _matrix(camera)
         for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
             expected, slopes = cv2.projectPoints(points[own], pose[:3], pose[3:], matrix,
                                                  camera[4:])
-            yield corners, own, expected[:, 0], np.asarray(slopes, float)
+            yield _Projected(corners, np.asarray(own), np.asarray(expected[:, 0], float),
+                             np.asarray(slopes, float))
 
 
 def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:
