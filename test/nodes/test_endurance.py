@@ -72,6 +72,7 @@ def test_a_node_that_is_killed_comes_back_and_poses_with_it(tmp_path, user, para
             user.wait(lambda again=again: (poses and stamps(poses)[-1] > again)
                       or not chain.alive(), f'a new pose after {name} was killed')
             assert f'{name} was ended by signal 9: captures that were on their way' in chain.log
+        assert chain.log.count('captures that were on their way') == len(KILLED)  # once each
         user.wait(lambda: all(told(states, 'pmcl_supervisor', f'{name} started again') == '1'
                               for name in KILLED), 'diagnostics')
     assert stamps(poses) == sorted(set(stamps(poses)))  # each once, none late
