@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from only_required import environment
 
 from pmcl_ros.evaluation.manipulation.series import Series
 from pmcl_ros.lightfield.readers.pictures import read_picture
@@ -10,7 +11,14 @@ from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS
 
+REQUIRED = ('requirements.txt', 'requirements-ros.txt', 'requirements-manipulate.txt')
 CAMERA = '{width: 320, height: 240, fx: 300, cx: 159.5, cy: 119.5}'
+
+
+@pytest.fixture(autouse=True)
+def _only_required(tmp_path, monkeypatch):
+    """The programs of a trial find what `make demo SCENE=sink` installs, and no more."""
+    monkeypatch.setenv('PYTHONPATH', environment(tmp_path / 'needed', *REQUIRED)['PYTHONPATH'])
 
 
 @pytest.fixture
