@@ -1,12 +1,10 @@
 """What the tests share: a ROS domain of each worker's own, GL, the JSON of a made-up camera."""
 
-import errno
 import gc
 import itertools
 import json
 import os
 import signal
-import socket
 import sys
 from pathlib import Path
 from shutil import copytree
@@ -17,23 +15,7 @@ import pytest
 import pmcl_ros
 from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.runtime.gl import GlContext
-
-
-def _own_domain():
-    """(number, what holds it) of a ROS domain that no other worker, nor another run, is in."""
-    for number in range(1, 102):  # those whose ports are free for everybody's use
-        # An abstract name is the network's, as the domain is, and vanishes with its owner.
-        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            lock.bind(f'\0pmcl_ros-test-domain-{number}')
-        except OSError as error:
-            lock.close()
-            if error.errno != errno.EADDRINUSE:
-                raise
-        else:
-            return number, lock
-    raise RuntimeError('all ROS domains are taken')
-
+from pmcl_ros.runtime.ros_domain import own_domain
 
 # Modules and tests stay: to look for garbage among them took a quarter of the time of collecting.
 _THRESHOLDS = gc.get_threshold()
@@ -42,9 +24,9 @@ gc.set_threshold(100_000)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any rclpy.init, and inherited by every process a test starts. Fields are checked, as a
 # message that only passes unchecked is not one that another build of ROS takes.
-_NUMBER, _LOCK = _own_domain()
-os.environ['ROS_DOMAIN_ID'] = str(_NUMBER)
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+for _each in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
+    os.environ.pop(_each, None)
+own_domain()
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
 
