@@ -1,5 +1,7 @@
 """What is learned from searches in several views, from deviations whose origin is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,12 +89,32 @@ def test_thresholds_are_between_objects_there_and_elsewhere(false_alarms):
     assert any('truths in the 90 % region: 90 %' in line for line in lines)
 
 
-def test_the_odds_that_made_the_searches_are_found():
-    found = found_and_elsewhere(4000)
-    slopes = support_slopes(*(
-        [[each.support, -np.log1p(each.disagreement), -each.beyond] for each in found
-         if each.there == there] for there in (True, False)))
-    np.testing.assert_allclose(slopes, (2 / 4, 3.75 / 4), rtol=0.15)
+def right_and_elsewhere():
+    """Numbers (n, 3) of each kind, whose log odds grow by just 6, 4 and 2 log(2) for a unit."""
+    points = np.stack(np.meshgrid(*[range(3)] * 3), axis=-1).reshape(-1, 3).astype(float)
+    powers = (points @ (3, 2, 1)).astype(int)
+    return [np.repeat(points, 2 ** each, axis=0) for each in (powers, powers.max() - powers)]
+
+
+def test_slopes_are_ratios_of_the_odds_and_none_is_negative():
+    right, elsewhere = right_and_elsewhere()
+    # The ridge changes them by less.
+    np.testing.assert_allclose(support_slopes(right, elsewhere), (4 / 6, 2 / 6), rtol=0.005)
+    reverse = support_slopes(right * (1, 1, -1), elsewhere * (1, 1, -1))
+    assert reverse[0] > 0.5
+    assert reverse[1] == 0
+
+
+@pytest.mark.parametrize('change', [(1, 1, 1), (1, 1, -1), (1, -1, 1)])
+def test_slopes_do_not_depend_on_the_origin_and_go_with_the_units(change):
+    groups = [each * change for each in right_and_elsewhere()]
+    slopes = support_slopes(*groups)
+    for offset in ((1, 1, 1), (5, 0, 0), (0, -20, 300), (-1000, 1000, 0)):
+        np.testing.assert_allclose(
+            support_slopes(*(each + offset for each in groups)), slopes, rtol=1e-6)
+    for units in ((1e3, 1, 1), (1, 1e-3, 1), (1, 1, 50), (0.02, 7, 1e4)):
+        np.testing.assert_allclose(support_slopes(*(each * units for each in groups)),
+                                   slopes * units[0] / np.array(units[1:]), rtol=1e-6)
 
 
 def test_support_that_tells_nothing_apart_is_refused():
@@ -111,6 +133,17 @@ def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():
     one, other = (learned_from(each, 0.95, 0.05, 0.05, lambda _: None)
                   for each in (clear, ambiguous))
     assert one.least_support == other.least_support == -0.5
+
+
+def test_the_model_error_is_of_the_poses_that_the_written_thresholds_claim():
+    near = [replace(each, displacement=1.0) for each in deviations(40, OF)]
+    found = [*[ViewsSearch(True, 1.002, 1.002, 1.0, 0.0, 0.0, each) for each in near],
+             *[ViewsSearch(True, 3.0, 1.004, 1.0, 0.0, 0.0, each) for each in deviations(40, OF)],
+             *[ViewsSearch(False, 1.004, 0.0, 1.0, 0.0, 0.0)] * 60]
+    learned = learned_from(found, 0.95, 0.05, 0.5, lambda _: None)
+    assert learned.least_support == learned.least_evidence == 1.0  # of 1.004 and 1.003
+    all_of_them = [each.deviation.displacement for each in found if each.there]
+    assert learned.displacement == round(np.sqrt(np.square(all_of_them).mean()), 2)
 
 
 def test_views_that_disagree_need_more_support_and_views_of_one_place_as_much_as_one():
