@@ -33,6 +33,7 @@ _NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, b
 # standard deviation): few scenes hardly tell the first two apart.
 _FIRST = 0.3, 3.0, 0.3
 _LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
+_DIGITS = 2  # of the thresholds, their slopes and the displacement
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
              if each.weight >= least_weight and math.isfinite(each.support)]
     slopes = support_slopes(
         [[each.support, *-_asked(each)] for each in clear if each.deviation is not None],
-        [[each.support, *-_asked(each)] for each in clear if not each.there]).round(2)
+        [[each.support, *-_asked(each)] for each in clear if not each.there]).round(_DIGITS)
 
     def margin(each: ViewsSearch) -> float:
         if each.weight < least_weight:
@@ -163,7 +164,9 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     margins = np.array([margin(each) for each in found])
     supports = Supports(margins[there], margins[~there],
                         np.array([each.evidence for each in right]))
-    least, evidence = supports.threshold(false_alarms), supports.least_evidence(missed)
+    # As they are written, so that the model error is of the poses that are claimed by them.
+    least = round(supports.threshold(false_alarms), _DIGITS)
+    evidence = round(supports.least_evidence(missed), _DIGITS)
     report(f'least support {least:.2f} + {slopes[0]:.2f} log(1 + disagreement) + {slopes[1]:.2f} '
            f'evidence beyond, at {100 * false_alarms:g} % false alarms; '
            f'{100 * supports.missed(least):.0f} % of what is there has less')
@@ -172,9 +175,9 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
                   and margin(each) >= least and each.evidence >= evidence]
     displacement = math.sqrt(np.mean([each.displacement ** 2 for each in deviations]))
     learned = fitted(deviations).model_copy(update={
-        'displacement': round(displacement, 2),
-        'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
-        'support_slope': round(float(slopes[0]), 2), 'beyond_slope': round(float(slopes[1]), 2)})
+        'displacement': round(displacement, _DIGITS),
+        'least_evidence': evidence, 'least_support': least,
+        'support_slope': float(slopes[0]), 'beyond_slope': float(slopes[1])})
     squares = [each.square(learned) for each in deviations]
     dimensions = [len(each.deviation) for each in deviations]
     degrees = fitted_degrees_of_freedom(squares, dimensions)

@@ -188,8 +188,10 @@ def _learned(looked: Sequence[Search], least: Thresholds, false_alarms: float, t
     click.echo(f'least evidence {least.evidence:.2f}: {100 * too_little:.0f} % of them have less')
     deviations = _deviations(looked, least)
     error = fitted_error(deviations)
-    click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
-    squares = [each.square(error.common, error.local) for each in deviations]
+    common, local = (max(round(each, _DIGITS), 10 ** -_DIGITS)  # as written
+                     for each in (error.common, error.local))
+    click.echo(f'model error: {common:.2f} px in common, {local:.2f} px locally')
+    squares = [each.square(common, local) for each in deviations]
     dimensions = [len(each.deviation) for each in deviations]
     degrees = fitted_degrees_of_freedom(squares, dimensions) if of_tails else math.inf
     if of_tails:
@@ -199,9 +201,7 @@ def _learned(looked: Sequence[Search], least: Thresholds, false_alarms: float, t
         click.echo(f'truths in the {100 * level:.0f} % region: '
                    f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
     return {'least_evidence': least.evidence, 'least_support': least.support,
-            'common_error': max(round(error.common, _DIGITS), 10 ** -_DIGITS),
-            'local_error': max(round(error.local, _DIGITS), 10 ** -_DIGITS),
-            'error_length': error.length,
+            'common_error': common, 'local_error': local, 'error_length': error.length,
             **({'degrees_of_freedom': degrees} if of_tails else {})}
 
 
