@@ -27,6 +27,7 @@ from pmcl_ros.pmcl.view_terms import REACH, ViewContour, ViewTerms, sums_over_pa
 _LEAST_FREE = 0.25  # share of the degrees of freedom that remain, however short the contour is
 _LEAST_VARIANCE = 0.05  # of the slope of a contribution: no capture is without noise
 _FARTHEST = 1.0  # px, rms along the contour: largest step; the model does not hold farther off
+_CONVERGED = 0.02  # px, rms along the contour, and of nuisances: shortest step
 _NEGLIGIBLE = 1e-3  # weight of a point of a contour; points of less are left out
 
 
@@ -181,29 +182,31 @@ def weighted(points: ContourPoints, weights: NDArray[np.float64]) -> ContourPoin
         piece=points.piece[kept], along=points.along[kept], outer=points.outer[kept])
 
 
-def gauss_newton(pose: NDArray[np.float64],
-                 local_model_at: Callable[[NDArray[np.float64]], LocalModel], steps: int,
-                 converged: float, feasible: Callable[[NDArray[np.float64]], bool] = lambda _: True
-                 ) -> tuple[NDArray[np.float64], LocalModel]:
-    """Refine a pose (4, 4) by Gauss-Newton steps on local models of the evidence.
+def gauss_newton(pose: NDArray[np.float64], nuisances: NDArray[np.float64],
+                 local_model_at: Callable[[NDArray[np.float64], NDArray[np.float64]], LocalModel],
+                 steps: int, feasible: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+                 still: bool = False
+                 ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel]:
+    """Refine a pose (4, 4) and nuisances (k,) by Gauss-Newton steps on local models of them.
 
-    Returns the best pose reached in `steps` steps, and the model there.
-    local_model_at: the local model at a pose. converged: length of the step to stop at [px, rms
-    along the contour]. feasible: whether a pose is allowed.
+    Returns the best that were reached in `steps` steps at most, and the model there.
+    feasible: (n,) which of poses (n, 4, 4) are. still: the pose stays.
     """
-    best, local = pose, local_model_at(pose)
+    best = local_model_at(pose, nuisances)
     for _ in range(steps):
-        step = local.step
-        if local.motion(step) < converged:
+        step = 0 * best.step if still else best.step
+        turn = (0 * nuisances if best.nuisances is None
+                else best.nuisances.after(best.basis.T @ step))
+        if best.motion(step) < _CONVERGED and np.abs(turn).max(initial=0.0) < _CONVERGED:
             break
         for part in (1.0, 0.5, 0.25):
-            tried = retract(best, part * step[None])[0]
-            if not feasible(tried):
+            tried, moved = retract(pose, part * step[None])[0], nuisances + part * turn
+            if not (still or feasible(tried[None])[0]):
                 continue
-            there = local_model_at(tried)
-            if there.evidence > local.evidence:
-                best, local = tried, there
+            there = local_model_at(tried, moved)
+            if there.evidence > best.evidence:
+                pose, nuisances, best = tried, moved, there
                 break
         else:
             break
-    return best, local
+    return pose, nuisances, best

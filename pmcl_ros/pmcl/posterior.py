@@ -21,7 +21,6 @@ Contour = Callable[[NDArray[np.float64]], ContourPoints]
 Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 _REFINEMENTS = 10  # Gauss-Newton steps at most; modes converge in about five
-_CONVERGED = 0.02  # px: rms along the contour
 # Standard deviations of the initial Gaussian of a mode, relative to the local model: it must be
 # wider than the mode, and cover neighbouring maxima.
 _WIDEN = 2.5
@@ -70,8 +69,8 @@ class ContourPosterior:
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode near a pose (4, 4): Gauss-Newton steps on the local model."""
-        best, _ = gauss_newton(pose, lambda each: self.local_model_at(each, False), _REFINEMENTS,
-                               _CONVERGED, lambda each: bool(self.feasible(each[None])[0]))
+        best, _, _ = gauss_newton(pose, np.zeros(0), lambda each, _: self.local_model_at(
+            each, False), _REFINEMENTS, self.feasible)
         return Mode(best, self.local_model_at(best, True))
 
     def sample(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,

@@ -15,7 +15,7 @@ from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.learned import LearnedViews, learned_views
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.local_model import LocalModel, gauss_newton
 from pmcl_ros.pmcl.modes import SAME_MODE
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraScale, understated
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
@@ -30,7 +30,6 @@ from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12  # Gauss-Newton steps at most; poses and nuisances converge in less
 _SAME_POSE = 1e-6  # m, rad: between poses with one local model
-_CONVERGED = 0.02  # px: rms along the contour
 _SCALE = 0.03  # of distances: standard deviation of a scale of which little is known
 _CONTOURS = 0.004  # of distances: a contour 120 px across is found a quarter of a pixel off
 
@@ -199,24 +198,8 @@ class JointPosterior:
     def _refined_at(self, level: int, pose: NDArray[np.float64], nuisances: NDArray[np.float64],
                     scale: float, still: bool
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel]:
-        best = self.contours.local_model(pose, False, nuisances, scale, level)
-        for _ in range(_REFINEMENTS):
-            step = 0 * best.step if still else best.step
-            turn = (0 * nuisances if best.nuisances is None
-                    else best.nuisances.after(best.basis.T @ step))
-            if best.motion(step) < _CONVERGED and np.abs(turn).max() < _CONVERGED:
-                break
-            for part in (1.0, 0.5, 0.25):
-                tried, moved = retract(pose, part * step[None])[0], nuisances + part * turn
-                if not (still or self.contours.joint.feasible(tried[None])[0]):
-                    continue
-                there = self.contours.local_model(tried, False, moved, scale, level)
-                if there.evidence > best.evidence:
-                    pose, nuisances, best = tried, moved, there
-                    break
-            else:
-                break
-        return pose, nuisances, best
+        return gauss_newton(pose, nuisances, lambda each, moved: self.contours.local_model(
+            each, False, moved, scale, level), _REFINEMENTS, self.contours.joint.feasible, still)
 
     def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
                watch: Watch | None = None) -> Posterior:
