@@ -46,13 +46,13 @@ class Deviation:
         """estimate: a right pose of the example's object, found with `profile` and no error."""
         pose, symmetry = estimate.pose, example.model.symmetry
         with renderer.contour_score(example.scene, example.volume, profile) as score:
-            points = score.points(pose)
+            view = ViewContour(score.points(pose), example.volume, profile)
         common, local = (
-            LocalModel.from_contour(pose, symmetry, points, example.volume, profile, error)
+            LocalModel.from_views(pose, symmetry, [view], error)
             for error in (ModelError(1, 0, LENGTH), ModelError(0, 1, LENGTH)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis
-        terms = ViewTerms.from_view(ViewContour(points, example.volume, profile), pose, basis)
+        terms = ViewTerms.from_view(view, pose, basis)
         moved = np.linalg.solve(common.information, terms.contributions.curvatures.sum(axis=0))
         truth = symmetry.nearest_equivalents(example.pose[None], pose)
         return cls(basis.T @ symmetry.local(truth, pose)[0], noise,

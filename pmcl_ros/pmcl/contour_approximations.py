@@ -11,8 +11,7 @@ from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.creases import CreasePoints
-from pmcl_ros.pmcl.view_terms import evidence_of_shifts, normal_motion
+from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 from pmcl_ros.runtime.kernels import compiled
 
 _FARTHEST, _STEP = 4.0, 0.5  # px: ends and steps of the table of `LinearizedContour`
@@ -35,14 +34,12 @@ class LinearizedContour:
     covered: float
 
     @classmethod
-    def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, volume: EvidenceVolume,
-                     profile: ContourProfile, creases: CreasePoints | None = None
-                     ) -> 'LinearizedContour':
-        """About `pose` (4, 4) with the contour `points`; creases: visible ones, or None."""
+    def from_view(cls, pose: NDArray[np.float64], view: ViewContour) -> 'LinearizedContour':
+        """About `pose` (4, 4), whose contour in a view, in the frame of its camera, is given."""
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
-        table, points = evidence_of_shifts(points, volume, profile, creases, shifts)
-        return cls(np.ascontiguousarray(normal_motion(points, volume.pinhole, pose[:3, 3])),
-                   points.lengths[:, None] * table, points.covered)
+        table, points = view.evidence_across(shifts)
+        motion = normal_motion(points, view.volume.pinhole, pose[:3, 3])
+        return cls(np.ascontiguousarray(motion), points.lengths[:, None] * table, points.covered)
 
     def evidence(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m,) evidence [nat] of poses that deviate by tangent vectors (m, 6) [m, rad].

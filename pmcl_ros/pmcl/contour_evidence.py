@@ -17,17 +17,19 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Contour, ContourPosterior, Refine, Score
+from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
-from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.level_of_detail import simplified, subdivided
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.view_terms import ViewContour
 
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of refinements
@@ -39,6 +41,7 @@ _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
 # px: how uncertain the place of a contour is taken to be on each (`EvidenceVolume.blurred`).
 _BLURS = 2.0, 1.0, 0.5
 
+Shown = Callable[[ContourPoints], ContourPoints]
 Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
@@ -137,23 +140,25 @@ class ContourEvidence:
         """As the function `refinement`, in the region."""
         return refinement(gauss_newton, self.feasible, tries, score)
 
-    def posterior(self, score: Score, contour: Contour,
-                  creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
-                  ) -> ContourPosterior:
-        """The posterior by a score of poses. contour, creases: the points of a pose that count."""
-        volume, profile = self.volume, self.profile
+    def posterior(self, exact: ContourScore, shown: Shown | None = None) -> ContourPosterior:
+        """The posterior by `score`. shown: of a contour's points those that count; default: all.
+        """
+        symmetry = self.model.symmetry
+
+        def points_at(pose: NDArray[np.float64]) -> ContourPoints:
+            points = exact.points(pose)
+            return points if shown is None else shown(points)
+
+        def seen(pose: NDArray[np.float64]) -> ViewContour:
+            return ViewContour(points_at(pose), self.volume, self.profile, exact.creases(pose))
 
         def local_model_at(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-            return LocalModel.from_contour(
-                pose, self.model.symmetry, contour(pose), volume, profile,
-                self.error if sure else None, creases(pose))
+            return LocalModel.from_views(pose, symmetry, [seen(pose)],
+                                         self.error if sure else None)
 
-        def linearize_at(pose: NDArray[np.float64]) -> LinearizedContour:
-            return LinearizedContour.from_contour(pose, contour(pose), volume, profile,
-                                                  creases(pose))
-
-        return ContourPosterior(self.model, self.settings, where(self.feasible, score, -np.inf),
-                                local_model_at, linearize_at, self.feasible, contour)
+        return ContourPosterior(
+            self.model, self.settings, where(self.feasible, exact, -np.inf), local_model_at,
+            lambda pose: LinearizedContour.from_view(pose, seen(pose)), self.feasible, points_at)
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are feasible: the prior is uniform on them."""

@@ -13,14 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.nuisances import Eliminated, Nuisances
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, WIDEST
 from pmcl_ros.pmcl.view_terms import REACH, ViewContour, ViewTerms, sums_over_pairs
 
@@ -53,18 +50,6 @@ class LocalModel:
     model_error: NDArray[np.float64]
     moments: NDArray[np.float64]
     nuisances: Eliminated | None = None
-
-    @classmethod
-    def from_contour(cls, pose: NDArray[np.float64], symmetry: Symmetry,
-                     points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile,
-                     error: ModelError | None, creases: CreasePoints | None = None
-                     ) -> 'LocalModel':
-        """The model about `pose` (4, 4), whose contour's points in one view are `points`.
-
-        As `from_views`. creases: seen in this pose, if any count.
-        """
-        return cls.from_views(pose, symmetry, [ViewContour(points, volume, profile, creases)],
-                              error)
 
     @classmethod
     def from_views(cls, pose: NDArray[np.float64], symmetry: Symmetry,

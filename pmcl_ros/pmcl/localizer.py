@@ -38,6 +38,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
+from pmcl_ros.pmcl.view_terms import ViewContour
 from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
@@ -148,9 +149,8 @@ class Localizer(Closing):
         evidence = self._evidence(volume)
         with evidence.score() as exact:
             values = exact(poses)
-            local_model_at = evidence.posterior(exact, exact.points,
-                                                exact.creases).local_model_at
-            return local_model_at(poses[values.argmax()], True).scale * values
+            best = evidence.posterior(exact).local_model_at(poses[values.argmax()], True)
+            return best.scale * values
 
     def _evidence(self, volume: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_volume(volume, self._renderer, self._model, self._settings,
@@ -218,7 +218,7 @@ class Localizer(Closing):
         evidence = replace(self._evidence(volume), detail=FINEST_DETAIL)
         optimizers = evidence.optimizers(2)
         with evidence.score() as exact:
-            search = evidence.posterior(exact, exact.points, exact.creases)
+            search = evidence.posterior(exact)
             score = search.exact if evidence.creases is not None else None
 
             def rigid(pose: NDArray[np.float64]) -> Score | None:
@@ -253,9 +253,10 @@ class Localizer(Closing):
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]
         return [Observation(pose, seen, depth,
-                            LocalModel.from_contour(
-                                pose, self._model.symmetry, seen, evidence.volume,
-                                evidence.profile, evidence.error),
+                            LocalModel.from_views(
+                                pose, self._model.symmetry,
+                                [ViewContour(seen, evidence.volume, evidence.profile)],
+                                evidence.error),
                             share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
@@ -269,19 +270,17 @@ class Localizer(Closing):
         self._renderer.use()
         evidence = replace(self._evidence(volume), creases=None)
         with evidence.score() as exact:
-            def contour(each: NDArray[np.float64]) -> ContourPoints:
-                points = exact.points(each)
-                return weighted(points, shown(points))
-
             def share(each: NDArray[np.float64]) -> float:
-                return float(contour(each).lengths.sum()
+                return float(search.points_at(each).lengths.sum()
                              / max(exact.points(each).lengths.sum(), 1e-9))
 
-            search = replace(evidence.posterior(exact, contour), share_at=share)
+            search = evidence.posterior(exact, lambda points: weighted(points, shown(points)))
+            search = replace(search, share_at=share)
             mode = search.refine(pose)
             points = exact.points(mode.pose)
-            rest = LinearizedContour.from_contour(
-                mode.pose, weighted(points, 1 - shown(points)), evidence.volume, evidence.profile)
+            hidden = weighted(points, 1 - shown(points))
+            rest = LinearizedContour.from_view(
+                mode.pose, ViewContour(hidden, evidence.volume, evidence.profile))
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
                 # Subtract the evidence of the hidden part, to first order.
@@ -299,7 +298,7 @@ def _opened(evidence: ContourEvidence, stack: contextlib.ExitStack
     """A search, what scores its poses until the stack is closed, and what refines them."""
     optimizers = evidence.optimizers()
     exact = stack.enter_context(evidence.score())
-    posterior = evidence.posterior(exact, exact.points, exact.creases)
+    posterior = evidence.posterior(exact)
     score = posterior.exact if evidence.creases is not None else None
     search = ContourSearch(
         evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),

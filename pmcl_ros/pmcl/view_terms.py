@@ -40,21 +40,20 @@ class ViewContour:
     camera: NDArray[np.float64] | None = None
     curvature: float | None = None
 
+    def evidence_across(self, shifts: NDArray[np.float64]
+                        ) -> tuple[NDArray[np.float64], ContourPoints]:
+        """(m, k) evidence [nat / px] of points moved along their normals, and these points.
 
-def evidence_of_shifts(points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile,
-                       creases: CreasePoints | None, shifts: NDArray[np.float64]
-                       ) -> tuple[NDArray[np.float64], ContourPoints]:
-    """(m, k) evidence [nat / px] of points moved along their normals, and these points.
-
-    They are those of the contour, and of creases if any are seen. shifts: (k,) outwards [px].
-    """
-    table = evidence_across(volume, points.pixels, points.normals, points.depths, profile, shifts)
-    table += points.outer[:, None] * region_across(
-        volume, points.pixels, points.normals, points.depths, shifts)
-    if creases is not None and creases.shown:
-        table = np.concatenate([table, creases.evidence(volume, shifts)])
-        points = points.joined(creases.points)
-    return table, points
+        They are those of the contour, and of creases if any are seen. shifts: (k,) outwards [px].
+        """
+        points, creases = self.points, self.creases
+        where = points.pixels, points.normals, points.depths
+        table = evidence_across(self.volume, *where, self.profile, shifts)
+        table += points.outer[:, None] * region_across(self.volume, *where, shifts)
+        if creases is not None and creases.shown:
+            table = np.concatenate([table, creases.evidence(self.volume, shifts)])
+            points = points.joined(creases.points)
+        return table, points
 
 
 def displaced(points: ContourPoints, volume: EvidenceVolume, profile: ContourProfile, by: float
@@ -125,14 +124,14 @@ class ViewTerms:
 
         displaced: with a last dimension, by which all of the contour moves outwards [px].
         """
-        volume, creases = view.volume, view.creases
+        volume = view.volume
         turn, place = np.eye(3), np.zeros(3)
         if view.camera is not None:
             turn, place = view.camera[:3, :3], view.camera[:3, 3]
             pose = np.linalg.inv(view.camera) @ pose
             basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
-        table, points = evidence_of_shifts(view.points, volume, view.profile, creases, shifts)
+        table, points = view.evidence_across(shifts)
         before, inside, here, outside, after = table.T
         length = float(points.lengths.sum())
         motion = normal_motion(points, volume.pinhole, pose[:3, 3]) @ basis

@@ -13,6 +13,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour, RigidContour, shrunk
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.view_terms import ViewContour
 
 CUP = model_of(cup(), [0, 0, 1])
 PROFILE = ContourProfile.learned()
@@ -30,7 +31,8 @@ def linearizable(context):
 
 def test_it_tells_what_poses_nearby_are_worth(context):
     truth, edges, score = linearizable(context)
-    slide = LinearizedContour.from_contour(truth, score.points(truth), edges, PROFILE)
+    slide = LinearizedContour.from_view(
+        truth, ViewContour(score.points(truth), edges, PROFILE))
     off = SIGMA * np.random.default_rng(0).normal(size=(100, 6))
     told, exact = slide.evidence(off), score(retract(truth, off))
     assert np.corrcoef(told, exact)[0, 1] > 0.9
@@ -40,7 +42,8 @@ def test_it_tells_what_poses_nearby_are_worth(context):
 
 def test_farther_than_the_table_goes_its_end_counts(context):
     truth, edges, score = linearizable(context)
-    slide = LinearizedContour.from_contour(truth, score.points(truth), edges, PROFILE)
+    slide = LinearizedContour.from_view(
+        truth, ViewContour(score.points(truth), edges, PROFILE))
     far, farther = slide.evidence(np.array([[0.5, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0]]))
     # A point whose normal is along y goes nowhere, all others are beyond.
     assert np.isfinite([far, farther]).all()

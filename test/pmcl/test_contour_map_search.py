@@ -26,6 +26,7 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import contour_support, log_odds, share_in_view
+from pmcl_ros.pmcl.view_terms import ViewContour
 from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -188,8 +189,8 @@ def test_covered_pixels_count_near_a_pose_as_at_it():
                    inside=np.ones_like(odds.inside))
     scene = Scene(CUP, CAMERA, WHOLE, NEAR, FAR)
     with NumbaRenderer().contour_score(scene, only, only.profile) as score:
-        local = LinearizedContour.from_contour(CUP_POSE, score.points(CUP_POSE), only,
-                                               only.profile)
+        local = LinearizedContour.from_view(
+            CUP_POSE, ViewContour(score.points(CUP_POSE), only, only.profile))
         nearer = np.array([[0, 0, -0.005, 0, 0, 0], [0, 0, 0.005, 0, 0, 0.0]])
         exact = score(retract(CUP_POSE, nearer))
         assert local.evidence(np.zeros((1, 6)))[0] == pytest.approx(score(CUP_POSE[None])[0],

@@ -13,7 +13,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.view_terms import normal_motion
+from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -34,7 +34,8 @@ def scene(context, model, seed):
 
 
 def about(score, edges, pose, symmetry, error=ERROR):
-    return LocalModel.from_contour(pose, symmetry, score.points(pose), edges, PROFILE, error)
+    view = ViewContour(score.points(pose), edges, PROFILE)
+    return LocalModel.from_views(pose, symmetry, [view], error)
 
 
 @pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])

@@ -914,8 +914,8 @@ def test_views_add_up_in_the_frame_of_the_pose(contours):
     assert both.evidence == pytest.approx(one.evidence + other.evidence)
     # What the second camera sees of the pose, told in its own frame.
     camera = views[1].camera
-    own = LocalModel.from_contour(np.linalg.inv(camera) @ pose, BRACKET.symmetry, views[1].points,
-                                  views[1].volume, views[1].profile, None)
+    own = LocalModel.from_views(np.linalg.inv(camera) @ pose, BRACKET.symmetry,
+                                [replace(views[1], camera=None)], None)
     turn = np.kron(np.eye(2), camera[:3, :3])
     np.testing.assert_allclose(turn @ own.gradient, other.gradient)
     np.testing.assert_allclose(turn @ own.information @ turn.T, other.information, rtol=1e-6,

@@ -1,5 +1,7 @@
 """Sharp edges of meshes: which they are, where they are seen, what they decide."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -22,7 +24,7 @@ from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.view_terms import normal_motion
+from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 DEPTHS = depth_labels(0.3, 0.7, 6)
@@ -173,9 +175,10 @@ def test_creases_move_as_foretold():
         seen = score.creases(pose)
         points = seen.points
         contour = score.points(pose)
-        local = LocalModel.from_contour(pose, Symmetry(), contour, edges, CONTRAST, None, seen)
-        alone = LocalModel.from_contour(pose, Symmetry(), contour, edges, CONTRAST, None)
-        slides = LinearizedContour.from_contour(pose, score.points(pose), edges, CONTRAST, seen)
+        view = ViewContour(contour, edges, CONTRAST, seen)
+        local, alone = (LocalModel.from_views(pose, Symmetry(), [each], None)
+                        for each in (view, replace(view, creases=None)))
+        slides = LinearizedContour.from_view(pose, view)
         assert local.evidence == pytest.approx(
             alone.evidence + points.lengths @ points.evidence, rel=1e-3)
         assert slides.evidence(np.zeros((1, 6)))[0] == pytest.approx(local.evidence, rel=1e-6)

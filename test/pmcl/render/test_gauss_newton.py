@@ -15,6 +15,7 @@ from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.view_terms import ViewContour
 from pmcl_ros.runtime import kernels
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -70,8 +71,8 @@ def test_its_first_step_is_the_local_models(shown):
     with NumbaRenderer().contour_score(seen(model), edges, PROFILE) as score:
         compared = 0
         for pose in beside(truth, 20, 0.7):
-            local = LocalModel.from_contour(pose, model.symmetry, score.points(pose), edges,
-                                            PROFILE, None)
+            local = LocalModel.from_views(
+                pose, model.symmetry, [ViewContour(score.points(pose), edges, PROFILE)], None)
             found, values = climb(pose[None], 1, 1.0, 0.01)
             if values[0] == local.evidence or (found[0] == pose).all():
                 continue  # that step led down
