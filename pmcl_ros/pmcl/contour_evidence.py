@@ -1,7 +1,7 @@
 """EvidenceVolume and poses -> scores, refined poses, posterior: the contour in one picture."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
+from pmcl_ros.pmcl.posterior import ContourPosterior, Feasible, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
@@ -32,17 +32,16 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.view_terms import ViewContour
 
 _LOG = logging.getLogger(__name__)
+STAGES = 0, 1, 2  # of the search: coarse contours, fine ones, those of the image
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of refinements
 _DETAIL = 0.3  # image px: tolerance of the simplified mesh in them
 _STEPS_OF_DETAIL = 2  # of that tolerance, in an octave
-# Refinements: step of the finite differences on coarse, fine and finest contours, largest and
-# smallest motion of the contour in a step [image px], number of steps.
-_STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
+# image px: step of the finite differences of refinements on coarse, fine and finest contours
+_STEPS = 1.5, 1.0, 1.0
 # px: how uncertain the place of a contour is taken to be on each (`EvidenceVolume.blurred`).
 _BLURS = 2.0, 1.0, 0.5
 
 Shown = Callable[[ContourPoints], ContourPoints]
-Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,9 @@ class ContourEvidence:
         return self.renderer.contour_score(self._scene(self.window), self.volume, self.profile,
                                            self.creases)
 
-    def optimizers(self, count: int = 3) -> list[GaussNewton]:
-        """Gauss-Newton on coarse contours, fine ones, those of the image: the first `count`."""
-        return [GaussNewton([self.expansion(stage)], self.region) for stage in range(count)]
+    def optimizers(self, stages: Sequence[int] = STAGES) -> list[GaussNewton]:
+        """Gauss-Newton at some stages of the search: on contours as of `expansion`."""
+        return [GaussNewton([self.expansion(stage)], self.region) for stage in stages]
 
     def expansion(self, stage: int, uncertain: float = 0.0,
                   camera: NDArray[np.float64] | None = None) -> ContourExpansion:
@@ -134,11 +133,6 @@ class ContourEvidence:
         return ContourExpansion(
             self._scene(window.coarser(max(scale, least))),
             self.volume.blurred(float(np.hypot(blur, uncertain)), box), self.profile, step, camera)
-
-    def refinement(self, gauss_newton: GaussNewton, tries: int | None = None,
-                   score: Score | None = None) -> Refine:
-        """As the function `refinement`, in the region."""
-        return refinement(gauss_newton, self.feasible, tries, score)
 
     def posterior(self, exact: ContourScore, shown: Shown | None = None) -> ContourPosterior:
         """The posterior by `score`. shown: of a contour's points those that count; default: all.
@@ -184,25 +178,6 @@ def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
     if interface is not None:  # straight edges seem bent
         model = subdivided(model)
     return Scene(model, camera, window, near, far, interface)
-
-
-def refinement(gauss_newton: GaussNewton, feasible: Feasible, tries: int | None = None,
-               score: Score | None = None) -> Refine:
-    """Refines poses by Gauss-Newton steps, and evaluates them there.
-
-    tries: steps at most. score: evaluates them; by default the evidence of `gauss_newton`,
-    without creases.
-    """
-    def refine(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        found, values = gauss_newton(poses, _TRIES if tries is None else tries, _FARTHEST,
-                                     _CONVERGED)
-        barred = ~feasible(found)
-        if barred.any():  # infeasible results go back to the start
-            found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
-        if score is not None:
-            return found, score(found)
-        return found, np.where(feasible(found), values, -np.inf)
-    return refine
 
 
 def where(feasible: Feasible, score: Score, outside: float) -> Score:

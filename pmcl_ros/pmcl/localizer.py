@@ -15,13 +15,13 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
+from pmcl_ros.pmcl.contour_evidence import STAGES, ContourEvidence, scene
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Posterior, Score
+from pmcl_ros.pmcl.posterior import Feasible, Posterior, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
@@ -32,7 +32,7 @@ from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch, Modes, Stages
+from pmcl_ros.pmcl.search import ContourSearch, Modes, Stages, refinement
 from pmcl_ros.pmcl.second_search import is_needed, second_search
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
@@ -173,20 +173,21 @@ class Localizer(Closing):
             start = self._proposed(volume, watch)
         stages = Stages(progress)
         with contextlib.ExitStack() as stack:
-            search, exact, optimizers = _opened(evidence, stack)
+            search, exact = _opened(evidence, stack)
+            refined = [search]
             if volume.coarser is None:
                 poses = search.find(start, rng, stages, watch).poses
             else:
-                coarser = replace(self._evidence(volume.coarser), constraint=feasible)
-                first, _, others = _opened(coarser, stack)
-                poses = search.sharpen(first.find(start, rng, stages, watch).poses, rng, stages,
+                coarser, _ = _opened(replace(self._evidence(volume.coarser), constraint=feasible),
+                                     stack)
+                refined.append(coarser)
+                poses = search.sharpen(coarser.find(start, rng, stages, watch).poses, rng, stages,
                                        watch).poses
-                optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimate(evidence, search.posterior, sample, least_support, rng,
                                       flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
-                each.evaluations for each in optimizers))
+                each.evaluations for each in refined))
 
     def _estimate(self, evidence: ContourEvidence, shown: Modes, posterior: Posterior,
                   least_support: float | None, rng: np.random.Generator, flat: bool = False
@@ -216,7 +217,7 @@ class Localizer(Closing):
         self._renderer.use()
         self._region.check_depths(volume.depths)
         evidence = replace(self._evidence(volume), detail=FINEST_DETAIL)
-        optimizers = evidence.optimizers(2)
+        optimizers = evidence.optimizers(STAGES[:2])
         with evidence.score() as exact:
             search = evidence.posterior(exact)
             score = search.exact if evidence.creases is not None else None
@@ -225,9 +226,9 @@ class Localizer(Closing):
                 points = exact.points(pose)
                 return rigid_score(pose, points, evidence.volume) if len(points.lengths) else None
 
-            near = NearPrior(self._model, rigid, evidence.refinement(optimizers[0]),
-                             evidence.refinement(optimizers[1], score=score), search.refine,
-                             search.feasible, candidates)
+            near = NearPrior(self._model, rigid, refinement(optimizers[0], search.feasible),
+                             refinement(optimizers[1], search.feasible, score=score),
+                             search.refine, search.feasible, candidates)
             posterior = LocalSearch(near, search, particles).run(prior, rng)
             if posterior is None:
                 return replace(self._estimator.from_prior(volume.header, prior, particles, rng),
@@ -294,14 +295,9 @@ class Localizer(Closing):
 
 
 def _opened(evidence: ContourEvidence, stack: contextlib.ExitStack
-            ) -> tuple[ContourSearch, ContourScore, list[GaussNewton]]:
-    """A search, what scores its poses until the stack is closed, and what refines them."""
-    optimizers = evidence.optimizers()
+            ) -> tuple[ContourSearch, ContourScore]:
+    """A search, and what scores its poses, until the stack is closed."""
     exact = stack.enter_context(evidence.score())
     posterior = evidence.posterior(exact)
     score = posterior.exact if evidence.creases is not None else None
-    search = ContourSearch(
-        evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),
-        evidence.refinement(optimizers[1], score=score),
-        evidence.refinement(optimizers[2], score=score), posterior)
-    return search, exact, optimizers
+    return ContourSearch(evidence.optimizers(), posterior, score), exact

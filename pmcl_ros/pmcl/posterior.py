@@ -18,6 +18,7 @@ from pmcl_ros.runtime.progress import Progress
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Contour = Callable[[NDArray[np.float64]], ContourPoints]
+Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 _REFINEMENTS = 10  # Gauss-Newton steps at most; modes converge in about five
@@ -63,7 +64,7 @@ class ContourPosterior:
     exact: Score
     local_model_at: Callable[[NDArray[np.float64], bool], LocalModel]
     linearize_at: Callable[[NDArray[np.float64]], LinearizedContour]
-    feasible: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    feasible: Feasible
     points_at: Contour
     share_at: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
 

@@ -1,5 +1,6 @@
 """Proposals -> modes -> Posterior: the default mode's search, coarse contours first."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,8 +12,9 @@ from pmcl_ros.pmcl.history import Generation, Stage, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Mode, Posterior, Refine
+from pmcl_ros.pmcl.posterior import Feasible, Mode, Posterior, Refine, Score
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.runtime.progress import Progress
 
 # Numbers of poses refined by coarse contours, by fine ones, by those of the image, kept, and modes
@@ -22,6 +24,8 @@ _LIKELY, _HOPEFUL, _JUDGED, _LEFT, _MODES = 100, 32, 12, 4, 3
 # points of contours are so dependent that a twentieth of the evidence counts.
 _HOPELESS = 400.0
 _CHALLENGED = 2  # best poses whose ambiguous poses are tried
+# Refinements: largest and smallest motion of the contour in a step [image px], number of steps.
+_FARTHEST, _CONVERGED, _TRIES = 2.0, 0.1, 8
 # Random restarts about each pose that is left: their number, the motion of the contour in each
 # direction of freedom [image px, rms], the largest deviation [m, rad].
 _AROUND, _ASIDE, _WIDEST = 12, 3.0, np.array([0.03, 0.03, 0.03, 0.4, 0.4, 0.4])
@@ -33,6 +37,10 @@ class Modes(Protocol):
     @property
     def model(self) -> ObjectModel:
         """Of the object."""
+        ...
+
+    def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of poses (n, 4, 4) are."""
         ...
 
     def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
@@ -57,20 +65,26 @@ class Modes(Protocol):
         ...
 
 
-@dataclass(frozen=True)
 class ContourSearch:
     """Finds the modes of the posterior, and samples it.
 
-    rough: evaluates poses (n, 4, 4) by coarse contours, without refinement. coarse, fine, finest:
-    refine poses; return them and the evidence (n,), -inf where infeasible. finest: at the
-    resolution of the image.
+    optimizers: Gauss-Newton on coarse contours, fine ones, those of the image. score: evaluates
+    what the last two have refined, as of `refinement`.
     """
 
-    rough: Refine
-    coarse: Refine
-    fine: Refine
-    finest: Refine
-    posterior: Modes
+    def __init__(self, optimizers: Sequence[GaussNewton], posterior: Modes,
+                 score: Score | None = None) -> None:
+        self.posterior, self._optimizers = posterior, optimizers
+        coarse, fine, finest = optimizers
+        self._rough = refinement(coarse, posterior.feasible, 0)
+        self._coarse = refinement(coarse, posterior.feasible)
+        self._fine = refinement(fine, posterior.feasible, score=score)
+        self._finest = refinement(finest, posterior.feasible, score=score)
+
+    @property
+    def evaluations(self) -> int:
+        """Number of poses that were drawn to refine them."""
+        return sum(each.evaluations for each in self._optimizers)
 
     def find(self, start: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
              watch: Watch | None = None) -> 'ScoredPoses':
@@ -81,9 +95,9 @@ class ContourSearch:
         """
         found = start
         if stages.go_on(0):
-            values = self.rough(found)[1]
+            values = self._rough(found)[1]
             found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
-            found = self._refined(self.coarse, found, _HOPEFUL, 'coarse', watch)
+            found = self._refined(self._coarse, found, _HOPEFUL, 'coarse', watch)
         scored = _NONE
         if stages.go_on(0.3):
             scored = self._scored(found, scored, 'fine', watch)
@@ -91,23 +105,23 @@ class ContourSearch:
             others = np.concatenate([ambiguous_poses(self.posterior.model, each)
                                      for each in scored.poses[:_CHALLENGED]])
             if len(others):
-                scored = self._scored(self.coarse(others)[0], scored, 'ambiguous', watch)
+                scored = self._scored(self._coarse(others)[0], scored, 'ambiguous', watch)
         if stages.go_on(0.5):
             scored = self._scored(self._scattered(scored.poses, rng), scored, 'scattered', watch)
         if not len(scored.poses):
-            return ScoredPoses(*self.finest(found[:_MODES]))
+            return ScoredPoses(*self._finest(found[:_MODES]))
         return scored.first(_MODES)
 
     def find_near(self, poses: NDArray[np.float64], watch: Watch | None = None
                   ) -> 'ScoredPoses':
         """The best poses from those of a posterior by less evidence (k, 4, 4)."""
-        found = self._refined(self.coarse, poses, _HOPEFUL, 'coarse', watch)
+        found = self._refined(self._coarse, poses, _HOPEFUL, 'coarse', watch)
         scored = self._scored(found, _NONE, 'fine', watch)
         others = ambiguous_poses(self.posterior.model, scored.poses[0])
         if len(others):
             # Fine contours, of a few views, show already that most of them are hopeless.
-            refined, values = self.fine(np.concatenate(
-                [scored.poses[:1], self.coarse(others)[0]]))
+            refined, values = self._fine(np.concatenate(
+                [scored.poses[:1], self._coarse(others)[0]]))
             hopeful = refined[1:][values[1:] >= values[0] - _HOPELESS]
             if len(hopeful):
                 scored = self._scored(hopeful, scored, 'ambiguous', watch)
@@ -119,7 +133,7 @@ class ContourSearch:
 
         stages: of the search, at 0.55: once it is stopped there are no restarts.
         """
-        found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
+        found = self._refined(self._coarse, poses, _LEFT, 'sharpened', watch)
         scored = self._scored(found, _NONE, 'sharpened', watch)
         if stages.go_on(0.55):
             scored = self._scored(self._scattered(scored.poses[:1], rng), scored, 'scattered',
@@ -154,7 +168,7 @@ class ContourSearch:
         Fine contours choose some; contours at the resolution of the image judge them, as these
         alone tell a contour in its place from one near by.
         """
-        found, values = self.finest(self._refined(self.fine, poses, _JUDGED, stage, watch))
+        found, values = self._finest(self._refined(self._fine, poses, _JUDGED, stage, watch))
         found = np.concatenate([kept.poses, found])
         values = np.concatenate([kept.values, values])
         best = np.argsort(-values, kind='stable')
@@ -202,6 +216,25 @@ class ScoredPoses:
 
 
 _NONE = ScoredPoses(np.zeros((0, 4, 4)), np.zeros(0))
+
+
+def refinement(gauss_newton: GaussNewton, feasible: Feasible, tries: int | None = None,
+               score: Score | None = None) -> Refine:
+    """Refines poses by Gauss-Newton steps, and evaluates them there.
+
+    tries: steps at most. score: evaluates them; by default the evidence of `gauss_newton`,
+    without creases.
+    """
+    def refine(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        found, values = gauss_newton(poses, _TRIES if tries is None else tries, _FARTHEST,
+                                     _CONVERGED)
+        barred = ~feasible(found)
+        if barred.any():  # infeasible results go back to the start
+            found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
+        if score is not None:
+            return found, score(found)
+        return found, np.where(feasible(found), values, -np.inf)
+    return refine
 
 
 class Stages:

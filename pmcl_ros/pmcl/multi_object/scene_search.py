@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import Observation, weighted
 from pmcl_ros.pmcl.localizer import Localizer
@@ -22,6 +21,7 @@ from pmcl_ros.pmcl.multi_object.penetration import (
 )
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges, visible_evidence
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Feasible
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.runtime.progress import Progress
 

@@ -12,11 +12,11 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
+from pmcl_ros.pmcl.contour_evidence import STAGES, ContourEvidence
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.multi_view.other_objects import OtherObjects
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Refine
+from pmcl_ros.pmcl.posterior import Feasible
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region, out_of_view, regions_before
 from pmcl_ros.pmcl.render.back_end import Renderer
@@ -132,19 +132,12 @@ class JointEvidence:
             kept.append(int(nearest.argmax()))
         return sorted(kept)
 
-    def optimizers(self) -> list[GaussNewton]:
-        """Gauss-Newton on coarse contours, fine ones, those of the images."""
-        return [self._optimizer(stage, self.spread(count))
-                for stage, count in enumerate(_AT_STAGES)]
-
-    def _optimizer(self, stage: int, chosen: Sequence[int]) -> GaussNewton:
+    def optimizers(self, stages: Sequence[int] = STAGES) -> list[GaussNewton]:
+        """Gauss-Newton at some stages of the search, as of one view, in some of the views."""
         off = self.uncertain
-        return GaussNewton([self.views[number].expansion(
-            stage, float(off[number]), self.cameras[number]) for number in chosen], self.region)
-
-    def refinement(self, optimizer: GaussNewton, tries: int | None = None) -> Refine:
-        """Refines poses by Gauss-Newton steps, and evaluates them there."""
-        return refinement(optimizer, self.feasible, tries)
+        return [GaussNewton([self.views[number].expansion(
+            stage, float(off[number]), self.cameras[number])
+            for number in self.spread(_AT_STAGES[stage])], self.region) for stage in stages]
 
     @property
     def uncertain(self) -> NDArray[np.float64]:

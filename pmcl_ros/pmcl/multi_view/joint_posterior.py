@@ -65,6 +65,10 @@ class JointPosterior:
         return cls(joint.model, settings, JointContours.opened(joint, stack, displacement),
                    numbers)
 
+    def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of poses (n, 4, 4) are, as of the evidence."""
+        return self.contours.joint.feasible(poses)
+
     def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
         """At a pose (4, 4), with the nuisances of the mode nearby; sure: with its uncertainty."""
         known = self._known_at(pose)
@@ -199,7 +203,7 @@ class JointPosterior:
                     scale: float, still: bool
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel]:
         return gauss_newton(pose, nuisances, lambda each, moved: self.contours.local_model(
-            each, False, moved, scale, level), _REFINEMENTS, self.contours.joint.feasible, still)
+            each, False, moved, scale, level), _REFINEMENTS, self.feasible, still)
 
     def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
                watch: Watch | None = None) -> Posterior:

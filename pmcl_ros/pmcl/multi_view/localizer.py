@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.pmcl.contour_evidence import STAGES
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
@@ -32,7 +33,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch, Stages
+from pmcl_ros.pmcl.search import ContourSearch, Stages, refinement
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.closing import Closing
@@ -165,7 +166,7 @@ class MultiViewLocalizer(Closing):
                               else self._found(coarser, rng, stages, request))
         joint = self._joint(evidence, request.others)
         with contextlib.ExitStack() as stack:
-            search, posterior, optimizers = self._opened(joint, stack)
+            search, posterior = self._opened(joint, stack)
             if request.near is not None:
                 scored = search.find_near(joint.seen(request.near), watch)
             elif found is None:
@@ -181,7 +182,7 @@ class MultiViewLocalizer(Closing):
             understated = posterior.understated_near(estimate.pose)
             if request.with_scale and posterior.numbers is not None:
                 estimate = replace(estimate, camera_scale=posterior.scale_near(estimate.pose))
-        evaluations += sum(each.evaluations for each in optimizers)
+        evaluations += search.evaluations
         return Found(replace(estimate, evaluations=evaluations).in_frame(joint.first), fits,
                      joint.first @ modes, shown, understated)
 
@@ -195,9 +196,9 @@ class MultiViewLocalizer(Closing):
         joint = self._joint(coarser, request.others)
         begin = self._begin(joint, request)
         with contextlib.ExitStack() as stack:
-            search, _, optimizers = self._opened(joint, stack)
+            search, _ = self._opened(joint, stack)
             found = joint.first @ search.find(begin, rng, stages, request.watch).poses
-        return found, sum(each.evaluations for each in optimizers)
+        return found, search.evaluations
 
     def _begin(self, joint: JointEvidence, request: _Request) -> NDArray[np.float64]:
         """(k, 4, 4) where the search begins, in the frame of the first camera."""
@@ -210,14 +211,10 @@ class MultiViewLocalizer(Closing):
         return begin
 
     def _opened(self, joint: JointEvidence, stack: contextlib.ExitStack
-                ) -> tuple[ContourSearch, JointPosterior, list[GaussNewton]]:
-        """A search, its posterior, and what refines poses, until the stack is closed."""
-        optimizers = joint.optimizers()
+                ) -> tuple[ContourSearch, JointPosterior]:
+        """A search, and its posterior, until the stack is closed."""
         posterior = self._posterior(joint, stack)
-        search = ContourSearch(
-            joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
-            joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior)
-        return search, posterior, optimizers
+        return ContourSearch(joint.optimizers(), posterior), posterior
 
     def follow(self, evidence: ViewsEvidence, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
@@ -227,12 +224,13 @@ class MultiViewLocalizer(Closing):
         """
         joint = self._joint(evidence)
         near = prior.seen_from(joint.first)
-        optimizers = joint.optimizers()[1:]
+        optimizers = joint.optimizers(STAGES[1:])
         with contextlib.ExitStack() as stack:
             posterior = self._posterior(joint, stack)
             modes = NearPrior(
-                self.model, posterior.contours.rigid_score, joint.refinement(optimizers[0]),
-                joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
+                self.model, posterior.contours.rigid_score,
+                refinement(optimizers[0], joint.feasible),
+                refinement(optimizers[1], joint.feasible), posterior.refine, joint.feasible,
                 candidates).modes(near, rng)
             if modes:
                 sample = posterior.sample_near(near, modes, particles, rng)

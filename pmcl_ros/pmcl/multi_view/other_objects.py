@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, scene
 from pmcl_ros.pmcl.local_model import weighted
 from pmcl_ros.pmcl.multi_object.visibility import depth_before
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Feasible
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.scene import Window
