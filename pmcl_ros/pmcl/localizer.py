@@ -36,7 +36,7 @@ from pmcl_ros.pmcl.search import ContourSearch, Modes, Stages, refinement
 from pmcl_ros.pmcl.second_search import is_needed, second_search
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
-from pmcl_ros.pmcl.tracking.local_search import LocalSearch
+from pmcl_ros.pmcl.tracking.local_search import sample_near
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
 from pmcl_ros.pmcl.view_terms import ViewContour
 from pmcl_ros.runtime.closing import Closing
@@ -226,13 +226,14 @@ class Localizer(Closing):
                 points = exact.points(pose)
                 return rigid_score(pose, points, evidence.volume) if len(points.lengths) else None
 
-            near = NearPrior(self._model, rigid, refinement(optimizers[0], search.feasible),
-                             refinement(optimizers[1], search.feasible, score=score),
-                             search.refine, search.feasible, candidates)
-            posterior = LocalSearch(near, search, particles).run(prior, rng)
-            if posterior is None:
+            modes = NearPrior(
+                self._model, rigid, refinement(optimizers[0], search.feasible),
+                refinement(optimizers[1], search.feasible, score=score), search.refine,
+                search.feasible, candidates).modes(prior, rng)
+            if not modes:
                 return replace(self._estimator.from_prior(volume.header, prior, particles, rng),
                                mode=FOLLOWED)
+            posterior = sample_near(search, prior, modes, particles, rng)
             estimate = self._estimate(evidence, search, posterior,
                                       self._settings.chosen_support, rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(

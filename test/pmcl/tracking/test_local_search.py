@@ -12,7 +12,7 @@ from pmcl_ros.pmcl.modes import ambiguous_poses
 from pmcl_ros.pmcl.posterior import ContourPosterior, Mode
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.tracking.local_search import LocalSearch
+from pmcl_ros.pmcl.tracking.local_search import sample_near
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 
 BRACKET = model_of(bracket())
@@ -76,6 +76,11 @@ def found(peaks, feasible=everywhere, count=100):
             for mode in modes]
 
 
+def sampled(near, posterior, prior, count):
+    rng = np.random.default_rng(1)
+    return sample_near(posterior, prior, near.modes(prior, rng), count, rng)
+
+
 def test_the_two_likeliest_modes_by_evidence_and_prior_are_found_and_the_most_evident_is_first():
     assert found(Peaks([mode_at(aside(x, 0, 0), value, SIGMA) for x, value in (
         (0.0, 10.0), (0.02, 10.3), (-0.05, 12.0))])) == [1, 0]
@@ -119,8 +124,7 @@ def test_a_sample_is_prior_times_evidence(more):
     posterior = ContourPosterior(
         BRACKET, PmclSettings(), peaks.evidence, lambda pose, _: peaks.nearest(pose).local,
         lambda pose: About(peaks.nearest(pose)), everywhere, no_points)
-    sample = LocalSearch(peaks.near(everywhere), posterior, 3000).run(
-        PRIOR, np.random.default_rng(1))
+    sample = sampled(peaks.near(everywhere), posterior, PRIOR, 3000)
     assert_sampled(sample, PRIOR)
 
 
@@ -134,8 +138,7 @@ def test_evidence_is_scaled_as_about_the_modes_that_are_left():
         BRACKET, PmclSettings(), peaks.evidence, lambda pose, _: peaks.nearest(pose).local,
         lambda pose: About(peaks.nearest(pose)), everywhere, no_points)
     assert found(peaks) == [1, 0]
-    sample = LocalSearch(peaks.near(everywhere), posterior, 3000).run(
-        PRIOR, np.random.default_rng(1))
+    sample = sampled(peaks.near(everywhere), posterior, PRIOR, 3000)
     assert sample.modes == (near,)
     assert_sampled(sample, PRIOR)
 
@@ -155,7 +158,7 @@ def test_a_sample_stays_in_the_region():
     posterior = ContourPosterior(BRACKET, PmclSettings(), exact, lambda *_: mode.local,
                                  lambda _: About(mode), inside, no_points)
     near = replace(peaks.near(inside), rigid=lambda _: exact)
-    sample = LocalSearch(near, posterior, 500).run(off, np.random.default_rng(1))
+    sample = sampled(near, posterior, off, 500)
     assert inside(sample.poses).all()
     assert np.isfinite(sample.values).all()
     assert len(np.unique(sample.poses[:, 0, 3])) > 100
