@@ -48,7 +48,7 @@ from pmcl_ros.pmcl.multi_view.view_warnings import warn_of_pictures
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.prior.odd_poses import check_poses, check_size
-from pmcl_ros.pmcl.prior.region import Region, regions_before, size_in_view
+from pmcl_ros.pmcl.prior.region import Region, size_in_view, windows_before
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
@@ -152,12 +152,11 @@ def windows_of(source: Source, settings: PmclSettings, radius: float) -> dict[in
     if not isinstance(source, PosedViews):
         region = Region(settings.roi_center, settings.roi_size)
         return {0: region.window(source.pinhole, radius)}
-    cameras = cameras_of(source)
-    seen = regions_before(cameras, settings, radius, source.header.frame_id)
-    check_poses(cameras, settings.roi_center, len(seen))
+    cameras = source.cameras
+    windows = windows_before(cameras, settings, radius, source.header.frame_id)
+    check_poses(cameras, settings.roi_center, len(windows))
     check_size(max(size_in_view(2 * radius, settings.roi_center, *each) for each in cameras))
-    return {number: region.window(source.views[number].pinhole, radius)
-            for number, region in seen.items()}
+    return windows
 
 
 def binned_to_draw(source: Given, settings: DlvSettings, search: PmclSettings, radius: float
@@ -193,10 +192,8 @@ def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
 
 def cameras_of(given: Source | Evidence) -> list[tuple[Pinhole, NDArray[np.float64]]]:
     """The cameras that took a source or its evidence, with poses (4, 4) in its reference frame."""
-    if isinstance(given, PosedViews):
-        return [(each.pinhole, each.camera_to_reference) for each in given.views]
-    if isinstance(given, ViewsEvidence):
-        return [(each.evidence.pinhole, each.camera_to_reference) for each in given.views]
+    if isinstance(given, PosedViews | ViewsEvidence):
+        return given.cameras
     pinhole = given.grid.pinhole if isinstance(given, LightField) else given.pinhole
     return [(pinhole, np.eye(4))]
 

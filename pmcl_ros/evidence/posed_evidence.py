@@ -72,6 +72,16 @@ class ViewsEvidence:
         return PosedViews(views) if len(views) == len(self.views) else None
 
     @property
+    def cameras(self) -> list[tuple[Pinhole, NDArray[np.float64]]]:
+        """Of the views, each with its pose (4, 4) in the reference frame."""
+        return [(each.evidence.pinhole, each.camera_to_reference) for each in self.views]
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 4, 4) of the cameras."""
+        return np.array([each.camera_to_reference for each in self.views])
+
+    @property
     def coarser(self) -> 'ViewsEvidence | None':
         """With the coarser evidence of views that have one; None where no view has."""
         if all(each.evidence.coarser is None for each in self.views):

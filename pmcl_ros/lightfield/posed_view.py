@@ -190,6 +190,11 @@ class PosedViews:
         """The stamp of the last view, and the reference frame."""
         return max((each.header for each in self.views), key=lambda header: header.stamp_ns)
 
+    @property
+    def cameras(self) -> list[tuple[Pinhole, NDArray[np.float64]]]:
+        """Of the views, each with its pose (4, 4) in the reference frame."""
+        return [(each.pinhole, each.camera_to_reference) for each in self.views]
+
 
 @dataclass(frozen=True)
 class PoseErrors:

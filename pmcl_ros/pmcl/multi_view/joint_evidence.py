@@ -163,7 +163,7 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
     Only of views that see it. A picture of one colour there does not, where others do: a covered
     lens is no evidence that nothing is there. Raises LocalizationError where none sees it.
     """
-    seen = regions_before(_cameras(evidence), settings, model.radius, evidence.header.frame_id)
+    seen = regions_before(evidence.cameras, settings, model.radius, evidence.header.frame_id)
     blank = _blank(evidence, seen, model.radius)
     return {number: region for number, region in seen.items() if number not in blank}
 
@@ -171,17 +171,13 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
 def silent_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings
                  ) -> dict[int, str]:
     """Why the other views say nothing, by their numbers. Raises as `regions_seen`."""
-    seen = regions_before(_cameras(evidence), settings, model.radius, evidence.header.frame_id)
-    reasons = out_of_view(_cameras(evidence), settings, model.radius)
+    seen = regions_before(evidence.cameras, settings, model.radius, evidence.header.frame_id)
+    reasons = out_of_view(evidence.cameras, settings, model.radius)
     for number in _blank(evidence, seen, model.radius):
         view = evidence.views[number].view
         reasons[number] = 'its picture is of one colour where the region is' + (
             f' ({view.name})' if view is not None and view.name else '')
     return dict(sorted(reasons.items()))
-
-
-def _cameras(evidence: ViewsEvidence) -> list[tuple[Pinhole, NDArray[np.float64]]]:
-    return [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
 
 
 def _blank(evidence: ViewsEvidence, seen: dict[int, Region], radius: float) -> list[int]:

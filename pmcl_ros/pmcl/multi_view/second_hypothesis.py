@@ -61,8 +61,7 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
 
 def _is_one_camera(evidence: ViewsEvidence) -> bool:
     """Whether several views have one and the same camera pose."""
-    cameras = np.array([each.camera_to_reference for each in evidence.views])
-    return len(cameras) > 1 and float(np.ptp(cameras, axis=0).max()) < _SAME
+    return len(evidence.views) > 1 and float(np.ptp(evidence.poses, axis=0).max()) < _SAME
 
 
 def _kept(evidence: ViewsEvidence, hidden: Sequence[int]) -> list[int]:
@@ -180,10 +179,9 @@ class _Misfit(NamedTuple):
 def _misfit(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Features]
             ) -> _Misfit | None:
     """Of a lost object; None where too few features match, which the log tells."""
-    mended = list(without_mistakes([(each.evidence.pinhole, each.camera_to_reference)
-                                    for each in evidence.views]))
+    mended = list(without_mistakes(evidence.cameras))
     pairs = pair_fits(pictures.views, features, [
-        np.array([each.camera_to_reference for each in evidence.views]),
+        evidence.poses,
         *(np.array([pose for _, pose in each]) for _, each in mended)])
     if not pairs:
         _LOG.info('lost, and too few features match between pictures to check the camera poses')
@@ -202,7 +200,7 @@ def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search
     """
     if not lost.estimate.incomplete or _is_one_camera(evidence):
         return None
-    poses = np.array([each.camera_to_reference for each in evidence.views])
+    poses = evidence.poses
     errors = CameraErrors.from_views([replace(each, sigma=_OFF, group='all', common=0.5)
                                       for each in evidence.views])
     # By this scale, about the object, rays alone place it, not its size in the pictures.

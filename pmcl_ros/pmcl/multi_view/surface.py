@@ -91,8 +91,7 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
         return estimate
     about = settings.model_copy(update={'roi_center': tuple(estimate.pose[:3, 3].tolist()),
                                         'roi_size': (_BOX, _BOX, _BOX)})
-    size = max(size_in_view(model.diameter, about.roi_center, each.evidence.pinhole,
-                            each.camera_to_reference) for each in evidence.views)
+    size = max(size_in_view(model.diameter, about.roi_center, *each) for each in evidence.cameras)
     made = region_volume(evidence, model, about, {
         'window': _WINDOW, 'stride': min(_STRIDE * bin_side(size), MOST_STRIDE)}, beyond=_BEYOND,
         pose=estimate.pose)

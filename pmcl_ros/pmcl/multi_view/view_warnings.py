@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.lightfield.unusable_pictures import unusable_pictures
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraScale
 from pmcl_ros.pmcl.multi_view.found import Found
@@ -15,7 +15,7 @@ from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import silent_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.odd_poses import likely_mistake, sees
-from pmcl_ros.pmcl.prior.region import regions_before
+from pmcl_ros.pmcl.prior.region import windows_before
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -35,7 +35,10 @@ def warn_of_views(evidence: ViewsEvidence, seen: int, found: Found, model: Objec
     for line in found.how:
         _LOG.warning('%s', line)
     lost, pictures = found.estimate.lost, evidence.pictures
-    windows = _windows(pictures, model, settings) if lost and pictures is not None else {}
+    windows: Mapping[int, Window] = {}
+    if lost and pictures is not None:
+        windows = windows_before(pictures.cameras, settings, model.radius,
+                                 pictures.header.frame_id)
     seen = max(seen, len(windows))  # a picture of one colour sees it too
     told = warn_of_unused(evidence, model, settings, seen, lost)
     if lost and not told:
@@ -49,15 +52,6 @@ def warn_of_views(evidence: ViewsEvidence, seen: int, found: Found, model: Objec
             warn_of_scale(found.estimate.camera_scale)
 
 
-def _windows(pictures: PosedViews, model: ObjectModel, settings: PmclSettings
-             ) -> dict[int, Window]:
-    """What the object can cover of each picture that sees the region, by its number."""
-    cameras = [(each.pinhole, each.camera_to_reference) for each in pictures.views]
-    seen = regions_before(cameras, settings, model.radius, pictures.header.frame_id)
-    return {number: region.window(cameras[number][0], model.radius)
-            for number, region in seen.items()}
-
-
 def warn_of_unused(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings, used: int,
                    is_lost: bool) -> bool:
     """Warn where so few views see the region that it is a mistake; of a lost object, not all.
@@ -67,8 +61,7 @@ def warn_of_unused(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSe
     """
     for number, reason in silent_views(evidence, model, settings).items():
         _LOG.info('view %d says nothing: %s', number, reason)
-    center = settings.roi_center
-    cameras = [(each.evidence.pinhole, each.camera_to_reference) for each in evidence.views]
+    center, cameras = settings.roi_center, evidence.cameras
     given, what = len(cameras), 'the region of interest'
     if is_lost and used == given:
         what = f'the middle of {what}'
@@ -87,7 +80,7 @@ def warn_of_region(evidence: ViewsEvidence, center: tuple[float, float, float],
     center, size: of the region [m]. radius: of the object about its origin [m], whose middle is
     about half of that away from it.
     """
-    target = _looked_at(np.array([each.camera_to_reference for each in evidence.views]))
+    target = _looked_at(evidence.poses)
     if target is None:
         return
     place, apart = target

@@ -161,6 +161,13 @@ def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
     return seen
 
 
+def windows_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+                   settings: PmclSettings, radius: float, frame_id: str) -> dict[int, Window]:
+    """What the object can cover of each picture that sees the region, as `regions_before`."""
+    seen = regions_before(cameras, settings, radius, frame_id)
+    return {number: region.window(cameras[number][0], radius) for number, region in seen.items()}
+
+
 def out_of_view(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]], settings: PmclSettings,
                 radius: float) -> dict[int, str]:
     """Why cameras do not see the region of interest, by their numbers, as `regions_before`."""
