@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Collection
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -20,7 +20,6 @@ from pmcl_ros.nodes.transport.values import Stamped
 from pmcl_ros.runtime.errors import BagError
 
 _TYPES = {each.name: each.type for each in TOPICS}
-_LATCHED_COMES = 0.5  # s
 # a message of each capture, that knows its stamp
 _STAMPED = ('image_raw', 'views', 'posed_views', 'dlv', 'dlv/edges', 'dlv/contour_map')
 _READERS: dict[str, Callable[[Any], Stamped]] = {
@@ -37,6 +36,9 @@ class LockstepPlayer:
     BagError where the bag has no topic that separates captures.
     """
 
+    # s: for what was said before, where anything was. DDS repeats lost messages every 3 s.
+    discovery: ClassVar[float] = 5.0
+
     def __init__(self, node: Node, topics: Collection[Topic], patience: float) -> None:
         self._patience = patience
         stamped = [(name, each.name) for name in _STAMPED for each in topics
@@ -49,21 +51,26 @@ class LockstepPlayer:
         self._seen: set[str] = set()
         self._played: int | None = None  # stamp of the capture that is being played
         self._answered: set[int] = set()
+        self._heard = 0  # messages on objects
         self._answers = node.create_subscription(MarkerArray, 'objects', self._on_objects, LATCHED)
-        self._executor = SingleThreadedExecutor()
+        self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
 
     def wait_for_answerer(self, timeout: float) -> None:
-        """Return once somebody publishes `objects`; else BagError."""
+        """Return once somebody publishes `objects`, and what was said there before has come.
+
+        Else BagError.
+        """
         deadline = time.monotonic() + timeout
         while not self._answers.get_publisher_count():
             if time.monotonic() > deadline:
                 raise BagError(f'nobody publishes {self._answers.topic_name} after {timeout:g} s: '
                                'in step needs a pmcl_node that is active')
             pause(0.05)
-        # `objects` is latched: what it said last is of a replay before.
-        deadline = time.monotonic() + _LATCHED_COMES
-        while time.monotonic() < deadline:
+        # `objects` is latched: what it said last is of a replay before, and no answer to this one.
+        deadline = time.monotonic() + self.discovery
+        while self._heard < self._answers.get_publisher_count() and time.monotonic() < deadline:
+            pause(0)
             self._executor.spin_once(timeout_sec=0.05)
 
     def before(self, message: Recorded) -> None:
@@ -91,6 +98,7 @@ class LockstepPlayer:
         self._played = None
 
     def _on_objects(self, message: MarkerArray) -> None:
+        self._heard += 1
         self._answered |= {header_from(each.header).stamp_ns
                            for each in message.markers}
 
