@@ -29,6 +29,7 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -140,16 +141,17 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
         processes = [_start(stack, 'pmcl_bringup', '--processes', '--params-file',
                             str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
                             *_parameters(bag, truth, camera))]
-        if not simulate:
-            processes.append(_start(stack, 'pmcl_replay', str(bag), '--timeout', str(_PATIENCE)))
         deadline = time.monotonic() + _PATIENCE
 
         def alive(*_: object) -> None:
             if any(process.poll() not in (None, 0) for process in processes):
                 raise DemoError('a process of the chain has failed; its lines above say why')
 
+        _await_nodes(Lifecycle(watcher, executor, alive), executor, deadline)
         if simulate:
-            _trigger(watcher, executor, Lifecycle(watcher, executor, alive), deadline)
+            _trigger(watcher, executor, alive)
+        else:
+            processes.append(_start(stack, 'pmcl_replay', str(bag), '--timeout', str(_PATIENCE)))
         while not watcher.complete:
             executor.spin_once(timeout_sec=0.1)
             alive()
@@ -161,11 +163,19 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
         _say('stopping the nodes')
 
 
-def _trigger(watcher: Watcher, executor: SingleThreadedExecutor, lifecycle: Lifecycle,
-             deadline: float) -> None:
-    """Call the service of the driver when it is active."""
-    while lifecycle.state('lytro_driver', deadline) != State.PRIMARY_STATE_ACTIVE:
-        executor.spin_once(timeout_sec=0.2)
+def _await_nodes(lifecycle: Lifecycle, executor: SingleThreadedExecutor, deadline: float) -> None:
+    """Return once all nodes are active and know the watcher: they publish each result once."""
+    for entry in NODES:
+        while lifecycle.state(entry.name, deadline) != State.PRIMARY_STATE_ACTIVE:
+            executor.spin_once(timeout_sec=0.2)
+
+
+def _trigger(watcher: Watcher, executor: SingleThreadedExecutor, alive: Callable[[], None]
+             ) -> None:
+    """Call the service of the driver, which is active."""
+    while not watcher.shutter.service_is_ready():  # it may be found after the driver's others
+        alive()
+        executor.spin_once(timeout_sec=0.1)
     _say('the camera is triggered')
     watcher.shutter.call_async(Trigger.Request()).add_done_callback(
         lambda answer: _say(f'lytro_driver: {answer.result().message}'))
