@@ -87,7 +87,7 @@ for each in ('auto', 'gl'):
 def built(**environment):
     """What a process of its own says, which ends by itself and well."""
     return subprocess.run([sys.executable, '-c', _BUILD], env=os.environ | environment, check=True,
-                          timeout=120, capture_output=True, text=True).stdout
+                          timeout=600, capture_output=True, text=True).stdout
 
 
 def test_without_gl_auto_is_numba_and_gl_is_refused():

@@ -17,8 +17,8 @@ from pmcl_ros.camera.simulated.faults import Faults
 from pmcl_ros.camera.simulated.server import CameraServer
 
 SIDE = 64  # pixels: 6144 bytes
-# Upper bounds, which a loaded machine may come near to.
-QUICK = LinkSettings(timeout=5, patience=10, picture_timeout=5, watchdog=2)
+# Of a camera that answers, however busy the machine is; tests of one that does not have their own.
+QUICK = LinkSettings(timeout=60, patience=60, picture_timeout=60, watchdog=10)
 
 
 def write_captures(folder, text, count=3, side=SIDE):
@@ -70,6 +70,44 @@ def client_of(folder, *faults, settings=QUICK, **options):
     """A client of such a camera."""
     with serving(folder, *faults, **options) as address, LytroClient(address, settings) as client:
         yield client
+
+
+@contextmanager
+def replies_that_can_be_held(address):
+    """The address with its commands relayed, and an event: replies wait until it is set."""
+    go = threading.Event()
+    go.set()
+    with socket.create_server((address.host, 0)) as listening:
+        def serve():
+            with contextlib.suppress(OSError):
+                while True:
+                    threading.Thread(target=converse, args=listening.accept()[:1],
+                                     daemon=True).start()
+
+        def converse(near):
+            with near, socket.create_connection((address.host, address.port)) as far:
+                replies = threading.Thread(target=relay, args=[far, near, go.wait], daemon=True)
+                replies.start()
+                relay(near, far, lambda: None)
+                replies.join()
+
+        def relay(source, target, wait):
+            with contextlib.suppress(OSError):
+                while data := source.recv(4096):
+                    wait()
+                    target.sendall(data)
+            for each in (source, target):
+                with contextlib.suppress(OSError):
+                    each.shutdown(socket.SHUT_RDWR)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        try:
+            yield address.model_copy(update={'port': listening.getsockname()[1]}), go
+        finally:
+            go.set()
+            listening.shutdown(socket.SHUT_RDWR)
+            thread.join()
 
 
 @contextmanager

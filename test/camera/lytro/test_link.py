@@ -20,8 +20,9 @@ from pmcl_ros.camera.lytro.protocol import CHUNK, load_file
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 BATTERY = bytes.fromhex('AF55AAFA 04000000 03000000 C600 06' + '00' * 13 + '0000AF42')
-QUICK = LinkSettings(timeout=0.2, patience=0.3)
-SURE = LinkSettings(timeout=20, patience=20)
+QUICK = LinkSettings(timeout=0.2, patience=0.3)  # for cameras that do not answer
+SURE = LinkSettings(timeout=60, patience=60)  # for those that do, however busy the machine
+WRONG = LinkSettings(timeout=60, patience=0.3, slowest=1.0)  # whose answers are wrong each time
 
 
 @contextlib.contextmanager
@@ -103,7 +104,7 @@ def test_gigabytes_that_are_announced_are_not_allocated():
     with camera(answer) as address:
         tracemalloc.start()
         with pytest.raises(CameraError, match='has 4294967295 bytes, more than any file'):
-            Link(address, QUICK).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
+            Link(address, WRONG).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
         tracemalloc.stop()
 
@@ -114,7 +115,7 @@ def test_a_header_that_announces_gigabytes_is_refused():
 
     with camera(answer) as address, pytest.raises(
             ProtocolError, match='announces 4294967295 bytes, at most 4'):
-        Link(address, QUICK).ask(protocol.BATTERY)
+        Link(address, WRONG).ask(protocol.BATTERY)
 
 
 def test_a_camera_that_sends_a_byte_now_and_then_is_given_up():
@@ -148,7 +149,7 @@ def test_a_download_that_drips_meets_a_limit_in_all(bytes_a_connection):
             CameraError, match='of 100000 bytes came within 1 s, too slow') as error:
         Link(address, patient).load(protocol.LOAD_CALIBRATION, 'the calibration')
     assert not isinstance(error.value, LinkError)  # no other try
-    assert time.monotonic() - began < 5
+    assert time.monotonic() - began < 60  # at their pace 100000 bytes take 2000 s
 
 
 def test_nothing_of_the_buffer_is_told():
@@ -157,7 +158,7 @@ def test_nothing_of_the_buffer_is_told():
 
     with camera(answer) as address, pytest.raises(
             ProtocolError, match='sends no byte 0 of 100 of the picture list'):
-        Link(address, QUICK).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
+        Link(address, WRONG).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
 
 
 def file_server(lengths, send):
@@ -181,7 +182,7 @@ def test_a_file_that_changes_its_length_is_refused():
 
     with camera(file_server(iter([100, 50]), half)) as address, pytest.raises(
             CameraError, match=r'A\.RAW has 50 bytes, expected 100'):
-        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+        Link(address, WRONG).load(load_file('A.RAW'), 'A.RAW')
 
 
 def test_a_list_that_grows_while_the_connection_is_lost_is_read_again():
@@ -243,9 +244,9 @@ def test_closing_ends_what_waits():
 
         thread = threading.Thread(target=wait)
         thread.start()
-        assert asked.wait(5)
+        assert asked.wait(60)
         link.close()
-        thread.join(5)
+        thread.join(60)
         assert not thread.is_alive()
         assert len(errors) == 1
         with pytest.raises(LinkError, match='is closed'):
@@ -280,7 +281,7 @@ def test_a_buffer_that_another_client_replaces_is_no_picture():
 
     with camera(answer) as address, pytest.raises(
             ProtocolError, match=r'bytes 0 to 4096 of A\.RAW are not the same twice'):
-        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+        Link(address, WRONG).load(load_file('A.RAW'), 'A.RAW')
 
 
 @pytest.mark.parametrize(('lengths', 'pieces', 'told'), [
@@ -294,7 +295,7 @@ def test_a_short_file_that_another_client_replaces_is_none_either(lengths, piece
 
     with camera(file_server(cycle(lengths), send)) as address, pytest.raises(
             CameraError, match=told):
-        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+        Link(address, WRONG).load(load_file('A.RAW'), 'A.RAW')
 
 
 def test_a_long_reply_may_take_longer_than_a_short_one():
@@ -303,14 +304,14 @@ def test_a_long_reply_may_take_longer_than_a_short_one():
             connected.sendall(reply(request, struct.pack('<I', 20_000)))
         elif request[12] == 0xC4:
             body = reply(request, b'a' * 20_000)
-            for begin in range(0, len(body), 2000):  # as fast as it has to be, and twice
+            for begin in range(0, len(body), 2000):  # 3 s in all
                 connected.sendall(body[begin:begin + 2000])
-                time.sleep(0.1)
+                time.sleep(0.3)
         else:
             connected.sendall(reply(request, b''))
 
     with camera(answer) as address:
-        link = Link(address, LinkSettings(timeout=0.5, patience=0.5, slowest=10_000))
+        link = Link(address, LinkSettings(timeout=2, patience=2, slowest=1_000))
         assert link.load(protocol.LOAD_PICTURE_LIST, 'the list') == b'a' * 20_000
         assert link.made == 1
 

@@ -36,7 +36,7 @@ def address(tmp_path_factory, camera_text):
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(FRAME | st.binary(max_size=60), min_size=1, max_size=8))
 def test_whatever_a_client_sends_the_camera_serves_the_next(address, messages):
-    with socket.create_connection((address.host, address.port), 5) as connected:
+    with socket.create_connection((address.host, address.port), 60) as connected:
         try:
             connected.sendall(b''.join(messages))
             connected.shutdown(socket.SHUT_WR)
@@ -44,7 +44,7 @@ def test_whatever_a_client_sends_the_camera_serves_the_next(address, messages):
                 pass  # the camera closes, after all it could answer
         except ConnectionError:
             pass
-    with socket.create_connection((address.host, address.port), 5) as connected:
+    with socket.create_connection((address.host, address.port), 60) as connected:
         connected.sendall(bytes.fromhex('AF55AAFA 04000000 01000000 C600 06' + '00' * 13))
         data = b''
         while len(data) < 32:
@@ -53,14 +53,14 @@ def test_whatever_a_client_sends_the_camera_serves_the_next(address, messages):
 
 
 def test_a_request_with_gigabytes_of_payload_is_refused(address):
-    with socket.create_connection((address.host, address.port), 5) as connected:
+    with socket.create_connection((address.host, address.port), 60) as connected:
         connected.sendall(bytes.fromhex('AF55AAFA FFFFFFFF 00000000 C200 01' + '00' * 13))
         assert connected.recv(1) == b''
 
 
 def test_connections_that_are_left_open_do_not_stop_others(address):
-    idle = [socket.create_connection((address.host, address.port), 5) for _ in range(10)]
-    idle += [socket.create_connection((address.host, address.callback_port), 5)
+    idle = [socket.create_connection((address.host, address.port), 60) for _ in range(10)]
+    idle += [socket.create_connection((address.host, address.callback_port), 60)
              for _ in range(10)]
     with LytroClient(address, QUICK) as client:
         client.capture()

@@ -12,6 +12,8 @@ from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.faults import Faults
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
+HASTY = QUICK.model_copy(update={'picture_timeout': 1.0})  # of a picture that does not come
+
 
 @pytest.fixture
 def captures(tmp_path, camera_text):
@@ -39,7 +41,7 @@ def test_pictures_arrive_intact(tmp_path, camera_text, fault, side):
 
 def test_a_command_that_is_never_answered_takes_no_picture_and_is_told(captures):
     folder, raws = captures
-    settings = QUICK.model_copy(update={'timeout': 0.5, 'picture_timeout': 1.0})
+    settings = QUICK.model_copy(update={'timeout': 0.5, 'picture_timeout': 3.0})
     with client_of(folder, 'silence=9', settings=settings, empty=True) as client:
         seen, problems = [], []
         for _ in range(6):
@@ -57,8 +59,9 @@ def test_a_command_that_is_never_answered_takes_no_picture_and_is_told(captures)
 
 def test_faults_together(captures):
     folder, raws = captures
+    settings = QUICK.model_copy(update={'timeout': 0.5})
     with client_of(folder, 'drop-random=3kB:5', 'short-chunks=700', 'garbage-header=11',
-                   empty=True) as client:
+                   settings=settings, empty=True) as client:
         for number in range(6):
             raw, _ = client.fetch(client.capture())
             assert raw == raws[number % 3]
@@ -81,11 +84,11 @@ def test_silence_is_told(captures):
 @pytest.mark.parametrize(('fault', 'refused'), [('busy', 1), ('busy=3', 3)])
 def test_a_busy_camera_takes_the_next_picture(captures, fault, refused):
     folder, raws = captures
-    settings = QUICK.model_copy(update={'picture_timeout': 1.0})
-    with client_of(folder, fault, settings=settings, empty=True) as client:
+    with serving(folder, fault, empty=True) as address, LytroClient(address, HASTY) as hasty, \
+            LytroClient(address, QUICK) as client:
         for _ in range(refused):
             with pytest.raises(CameraError, match='did not press the shutter and holds 0 pict'):
-                client.capture()
+                hasty.capture()
         before = time.time_ns()
         picture = client.capture()
         assert picture.shutter_ns >= before  # not the time of a command that was refused
@@ -94,12 +97,12 @@ def test_a_busy_camera_takes_the_next_picture(captures, fault, refused):
 
 def test_a_full_card_takes_pictures_again_after_a_deletion(captures):
     folder, raws = captures
-    settings = QUICK.model_copy(update={'picture_timeout': 1.0})
-    with client_of(folder, 'card-full=1', settings=settings, empty=True) as client:
+    with serving(folder, 'card-full=1', empty=True) as address, \
+            LytroClient(address, HASTY) as hasty, LytroClient(address, QUICK) as client:
         first = client.capture()
         for _ in range(2):
             with pytest.raises(CameraError, match='memory is full'):
-                client.capture()
+                hasty.capture()
         client.delete(first)
         assert client.fetch(client.capture())[0] == raws[1]
 

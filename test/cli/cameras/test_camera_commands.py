@@ -74,7 +74,8 @@ def test_pictures_are_listed_downloaded_and_deleted(captures, tmp_path):
 
 
 def test_a_picture_that_is_deleted_meanwhile_is_told_in_a_line(captures, tmp_path):
-    with serving(captures[0], 'slow=30kB/s') as address, closing(Link(address, QUICK)) as other:
+    # A second for each, so that the last is deleted in time on a busy machine, too.
+    with serving(captures[0], 'slow=6kB/s') as address, closing(Link(address, QUICK)) as other:
         newest = decode_picture_list(other.load(LOAD_PICTURE_LIST, 'the list'))[0]
         with ThreadPoolExecutor(1) as pool:
             running = pool.submit(pmcl_camera, 'capture', '--address', address.text, '--out',
