@@ -100,7 +100,7 @@ def test_views_of_a_camera_that_somebody_holds(tmp_path, user):
     wall = np.full((480, 640, 3), 90, np.uint8)
     with (Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params={
               'poses': 'topic', 'collect': 'rest', 'fixed_frame': 'board', 'near': 0.3,
-              'far': 0.7}) as sweep,
+              'far': 0.7, 'patience': 60.0}) as sweep,
           Process(tmp_path, 'pmcl_ros.nodes.board_node', params={}) as node):
         for name in ('sweep_driver', 'board_node'):
             assert all(user.change(name, CONFIGURE, ACTIVATE)), node.log + sweep.log

@@ -158,8 +158,9 @@ def test_the_pose_is_where_a_grasp_pipeline_wants_it(tmp_path, user, write):
         user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
         assert 'active: grasp_node, pmcl_node' in chain.log
         user.listen(PoseStamped, '/robot/target', SMALL)
-        takers = user.node.get_subscriptions_info_by_topic('/robot/target')
-        assert {'user', 'grasp_node'} <= {each.node_name for each in takers}
+        user.wait(lambda: {'user', 'grasp_node'} <= {
+            each.node_name for each in user.node.get_subscriptions_info_by_topic('/robot/target')},
+            'both that take it')
         assert not user.node.get_publishers_info_by_topic('/pose')
 
 

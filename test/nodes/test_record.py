@@ -52,7 +52,8 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, bag_par
     nodes = BRINGUP, '--params-file', file, '--without', 'lytro_driver'
     with (recording(tmp_path, bag, '--preset', 'all') as recorder,
           Process(tmp_path, *nodes) as chain):
-        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the nodes')
+        user.wait(lambda: ('active: ' in chain.log and 'listening to ' in recorder.log)
+                  or not (chain.alive() and recorder.alive()), 'the nodes, and the recorder')
         poses = user.listen(PoseStamped, 'pose', SMALL)
         # The map may come after the pose, which edges gave.
         maps = user.listen(Float32MultiArray, 'dlv/contour_map', BIG)
