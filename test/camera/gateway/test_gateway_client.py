@@ -275,7 +275,7 @@ def answer(body, *headers, status='200 OK', last=TIME):
     return '\r\n'.join(lines).encode() + body
 
 
-IMPATIENT = GatewaySettings(timeout=1, answer_timeout=1, patience=0.01)
+IMPATIENT = GatewaySettings(timeout=60, answer_timeout=60, patience=0.01)
 
 
 @pytest.mark.parametrize(('data', 'reason'), [
