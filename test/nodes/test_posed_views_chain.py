@@ -146,8 +146,10 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
         for number, frame in enumerate(frames, 1):
             assert robot.ask('take').success
             robot.shoot(frame)
-            user.wait(lambda number=number: len(poses) == number - 1, f'pose {number - 1}')
-        user.wait(lambda: len(pictures) == len(sigmas) == len(volumes) == 3, 'pictures, volumes')
+            # Of views that come while it makes a volume dlv_node keeps the last.
+            user.wait(lambda number=number: len(poses) == len(volumes) == number - 1,
+                      f'pose and volume {number - 1}')
+        user.wait(lambda: len(pictures) == len(sigmas) == 3, 'pictures')
         assert 'searched with views added (1) from the last pose' in chain.log
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         user.wait(lambda: nexts and candidates, 'the next view')
