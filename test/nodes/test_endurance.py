@@ -108,7 +108,8 @@ def soaked(tmp_path, size, captures, *arguments):
     alone = may_mount() or size == '1m'
     done = subprocess.run(
         with_shared_memory(size, *program) if alone else [sys.executable, '-m', *program],
-        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        timeout=4 * PATIENCE)  # of its own waits each has a limit
     log = tmp_path / 'graph.log'
     assert done.returncode == 0, (done.stdout + done.stderr
                                   + (log.read_text() if log.exists() else ''))
