@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.geometry.pose_error import RIGHT_BOUNDS
@@ -20,8 +19,9 @@ _PIXELS = np.arange(5, 51, 5)  # px in views 640 px wide: BOP's for MSPD
 
 
 def values(trials: Sequence[Trial], name: str) -> NDArray[np.float64]:
-    """(n,) a field of each trial."""
-    return np.array([getattr(each, name) for each in trials], float)
+    """(n,) a field of each trial, or a number of its `extra`."""
+    return np.array([getattr(each, name) if hasattr(each, name) else each.extra[name]
+                     for each in trials], float)
 
 
 def share(flags: ArrayLike) -> float:
@@ -35,13 +35,9 @@ def interval(flags: ArrayLike) -> tuple[float, float]:
     flags = np.asarray(flags, bool)
     if not flags.size:
         return np.nan, np.nan
-    # By hand: scipy.stats takes a quarter of the start of a command.
-    count, part, z = flags.size, flags.mean(), ndtri(0.975)
-    middle = part + z ** 2 / (2 * count)
-    half = z * np.sqrt(part * (1 - part) / count + (z / (2 * count)) ** 2)
-    scale = 1 + z ** 2 / count
-    low, high = (middle - half) / scale, (middle + half) / scale
-    return (float(low) if flags.any() else 0.0), (1.0 if flags.all() else float(high))
+    from scipy.stats import binomtest  # here: it takes a quarter of the start of a command
+    low, high = binomtest(int(flags.sum()), flags.size).proportion_ci(method='wilson')
+    return float(low), float(high)
 
 
 def share_with_interval(flags: ArrayLike) -> str:

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import FORCE, STDERR
+from pmcl_ros.evaluation.recall import values
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.posed_view import quaternion_pose
@@ -118,12 +119,8 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
 
 def _row(trials: list[Trial]) -> list[str]:
     """Medians over scenes."""
-    def middle(numbers: list[float]) -> float:
-        return float(np.nanmedian(np.abs(numbers)))
-
-    return [f'{middle([each.extra["depth_mm"] for each in trials]):.2f} mm',
-            f'{middle([each.translation_mm for each in trials]):.2f} mm',
-            f'{middle([each.ray_mm for each in trials]):.2f} mm',
-            f'{middle([each.axis_deg for each in trials]):.2f}°',
-            f'{middle([each.extra["sigma_mm"] for each in trials]):.2f} mm',
+    units = {'depth_mm': ' mm', 'translation_mm': ' mm', 'ray_mm': ' mm', 'axis_deg': '°',
+             'sigma_mm': ' mm'}
+    return [*(f'{np.nanmedian(abs(values(trials, name))):.2f}{unit}'
+              for name, unit in units.items()),
             f'{sum(each.lost for each in trials)} of {len(trials)}']

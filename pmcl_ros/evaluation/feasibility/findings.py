@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.recall import interval, present, share, share_with_interval
+from pmcl_ros.evaluation.recall import (
+    cumulative,
+    interval,
+    present,
+    share,
+    share_with_interval,
+    values,
+)
 from pmcl_ros.evaluation.trials import Trial
 
 LEAST = 10  # trials of a cell; fewer say nothing
@@ -47,9 +54,9 @@ def share_text(flags: Sequence[bool]) -> str:
     return share_with_interval(flags) if len(flags) >= LEAST else ''
 
 
-def _medians(trials: Sequence[Trial], *values: Callable[[Trial], float]) -> str:
-    """Of each value over the trials; nothing of fewer than `LEAST`."""
-    return ', '.join(f'{np.median(list(map(value, trials))):.1f}' for value in values
+def _medians(trials: Sequence[Trial], *names: str) -> str:
+    """Of sizes of numbers (`values`) over the trials; nothing of fewer than `LEAST`."""
+    return ', '.join(f'{np.median(abs(values(trials, name))):.1f}' for name in names
                      ) if len(trials) >= LEAST else ''
 
 
@@ -64,10 +71,8 @@ def row(trials: Sequence[Trial], aim: Aim) -> list[str]:
     return [share_text(good_enough(trials, aim)), share_text([each.found for each in there]),
             share_text([each.lost for each in there]),
             share_text([not each.near and not each.lost for each in there]),
-            _medians(found, lambda each: each.translation_mm),
-            _medians(found, lambda each: each.extra['across_mm'], lambda each: abs(each.ray_mm)),
-            _medians(found, lambda each: each.axis_deg),
-            _medians(found, lambda each: each.told_mm),
+            _medians(found, 'translation_mm'), _medians(found, 'across_mm', 'ray_mm'),
+            _medians(found, 'axis_deg'), _medians(found, 'told_mm'),
             share_text([each.inside_90 for each in found])]
 
 
@@ -76,9 +81,8 @@ Group = tuple[str, Callable[[Trial], bool]]
 
 def distances(trials: Sequence[Trial]) -> list[Group]:
     """Ranges of the distance of the object, with as many trials each."""
-    values = np.array([each.extra['distance'] for each in trials])
     ranges = int(np.clip(len({each.seed for each in trials}) // LEAST, 1, _DISTANCES))
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, ranges + 1)))
+    edges = np.unique(np.quantile(values(trials, 'distance'), np.linspace(0, 1, ranges + 1)))
     if len(edges) < 2:
         return [(f'{edges[0]:.2f} m', lambda _: True)]
     return [(f'{low:.2f} to {high:.2f} m', _between(low, high, high == edges[-1]))
@@ -183,4 +187,4 @@ def success(trials: Sequence[Trial], bounds: NDArray[np.float64], aim: Aim) -> N
     there = present(trials)
     errors = np.array([each.translation_mm if not each.lost and each.axis_deg <= aim.degrees
                        else np.inf for each in there])
-    return np.asarray(100 * (errors[:, None] <= bounds).mean(axis=0))
+    return 100 * cumulative(errors, bounds)

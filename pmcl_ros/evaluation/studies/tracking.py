@@ -120,9 +120,9 @@ def row(name: str, sequences: list[list[Trial]]) -> dict[str, str]:
         'in the 90 % region': percent(share([each.inside_90 for each in followed])),
         'tracked [ms]': _median(seen, 'seconds', 1e3),
         'single [ms]': _median(single, 'seconds', 1e3),
-        'times as fast': _ratio(single, seen, lambda each: each.seconds),
-        'by CPU time': _ratio(single, seen, lambda each: float(each.extra['cpu_seconds'])),
-        'on average': _ratio(single, seen, lambda each: each.seconds, np.mean),
+        'times as fast': _ratio(single, seen, 'seconds'),
+        'by CPU time': _ratio(single, seen, 'cpu_seconds'),
+        'on average': _ratio(single, seen, 'seconds', np.mean),
         'slowest [ms]': f'{1e3 * values(frames, "seconds").max():.0f}',
         'edges [ms]': f'{1e3 * median(frames, "dlv_seconds"):.0f}'}
 
@@ -137,7 +137,7 @@ def picture(name: str, trials: list[Trial]) -> NDArray[np.uint8]:
 
     frames = [each for each in trials if each.mode == TRACKED]
     numbers = values(frames, 'capture')
-    sigmas = np.minimum([each.extra['sigma_mm'] for each in frames], _MOST)
+    sigmas = np.minimum(values(frames, 'sigma_mm'), _MOST)
     lines = [line(TRACKED, 0), Line('standard deviation', numbers, sigmas, 4, True),
              Line('hidden', numbers, np.where(values(frames, 'empty') > 0, 0.0, np.nan), 3)]
     if len(frames) < len(trials):
@@ -164,10 +164,9 @@ def _difference(both: list[tuple[Trial, Trial]]) -> str:
     return f'{middle:+.2f} ± {0.93 * (three - quarter) / np.sqrt(len(found)):.2f}'
 
 
-def _ratio(slow: list[Trial], fast: list[Trial], seconds: Callable[[Trial], float],
-           typical: Callable[[list[float]], np.floating] = np.median) -> str:
+def _ratio(slow: list[Trial], fast: list[Trial], name: str,
+           typical: Callable[[NDArray[np.float64]], np.floating] = np.median) -> str:
     if not slow or not fast:
         return ''
-    first, last = (float(typical([seconds(each) for each in of])) for of in (slow, fast))
-    return f'{first / last:.1f}'
+    return f'{typical(values(slow, name)) / typical(values(fast, name)):.1f}'
 

@@ -1,12 +1,12 @@
 """What a next view brings: the one that is expected to bring most beside a random one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evaluation.recall import median, share_with_interval
+from pmcl_ros.evaluation.recall import median, share_with_interval, values
 from pmcl_ros.evaluation.results import table_and_list
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -140,31 +140,18 @@ def _lines(name: str, scenes: Sequence[ViewGain]) -> list[str]:
         return []
     rows = {mode: [getattr(each, mode) for each in scenes]
             for mode in ('before', 'best', 'random')}
-    sigmas = ', '.join(f'{mode} {_median(each, _sigma):.2f} mm' for mode, each in rows.items())
+    sigmas = ', '.join(f'{mode} {median(each, "sigma_mm"):.2f} mm' for mode, each in rows.items())
     errors = ', '.join(f'{mode} {median(each, "translation_mm"):.2f} mm'
                        for mode, each in rows.items())
     found = ', '.join(f'{mode} {sum(one.found for one in each)}' for mode, each in rows.items())
-    pairs = list(zip(rows['best'], rows['random'], strict=True))
-    nearer = [one.translation_mm < other.translation_mm for one, other in pairs]
-    surer = [_sigma(one) < _sigma(other) for one, other in pairs]
+    nearer = values(rows['best'], 'translation_mm') < values(rows['random'], 'translation_mm')
+    surer = values(rows['best'], 'sigma_mm') < values(rows['random'], 'sigma_mm')
     return [f'{name}, median standard deviation: {sigmas}; expected with the best '
-            f'{_median(rows["best"], _expected):.2f} mm',
+            f'{median(rows["best"], "expected_mm"):.2f} mm',
             f'{name}, median error: {errors}',
             f'{name}, the best is nearer the truth than the random one: '
             f'{share_with_interval(nearer)}; surer: {share_with_interval(surer)}',
             f'{name}, found: {found} of {len(scenes)}']
-
-
-def _sigma(trial: Trial) -> float:
-    return float(trial.extra['sigma_mm'])
-
-
-def _expected(trial: Trial) -> float:
-    return float(trial.extra['expected_mm'])
-
-
-def _median(trials: Sequence[Trial], value: Callable[[Trial], float]) -> float:
-    return float(np.median([value(each) for each in trials]))
 
 
 def _cells(scene: ViewGain) -> list[str]:
@@ -176,4 +163,4 @@ def _errors(trial: Trial) -> str:
     """Error, in brackets where lost; standard deviation, and what was expected [mm]."""
     word = f'{trial.translation_mm:.2f}' if trial.near else 'elsewhere'
     return (f'({word})' if trial.lost else word) + (
-        f' ± {_sigma(trial):.2f}, expected {_expected(trial):.2f}')
+        f' ± {trial.extra["sigma_mm"]:.2f}, expected {trial.extra["expected_mm"]:.2f}')
