@@ -77,14 +77,16 @@ class _Image(_Part):
     color: _Color
 
 
-class _Depth(_Part):
+class _Offset(_Part):
+    x: float = 0.0
+    y: float = 0.0
     z: float = 0.0
 
 
 class _Lens(_Part):
     zoomStep: float | None = None
     focusStep: float | None = None
-    exitPupilOffset: _Depth = _Depth()
+    exitPupilOffset: _Offset = _Offset()
 
 
 class _Shutter(_Part):
@@ -99,12 +101,6 @@ class _Sensor(_Part):
 class _Scale(_Part):
     x: float = Field(1.0, gt=0)
     y: float = Field(1.0, gt=0)
-
-
-class _Offset(_Part):
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
 
 
 class _Mla(_Part):
