@@ -26,6 +26,7 @@ from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.scene import Scene, Target
+from pmcl_ros.simulation.scenes.shapes.vessels import resampled
 
 _VIEWS, _APART = 3, 60.0  # pictures of a vessel, degrees from the first to the last
 _FILLED = 0.8  # of the picture's smaller side: the diagonal of a vessel that is measured
@@ -119,9 +120,9 @@ def profile_distances(found: MeasuredProfile, model: ObjectModel) -> NDArray[np.
     heights, radii, _ = found.rows.T
     wall = np.stack([radii, heights], axis=1)
     ends = np.array([[0, heights[0]], [0, heights[-1]]])
-    closed = _dense(np.concatenate([ends[:1], wall, ends[1:]]))
+    closed = resampled(np.concatenate([ends[:1], wall, ends[1:]]), _STEP, 2)
     return np.concatenate([cKDTree(closed).query(true[seen])[0],
-                           cKDTree(true).query(_dense(wall))[0]])
+                           cKDTree(true).query(resampled(wall, _STEP, 2))[0]])
 
 
 def _within(found: MeasuredProfile, model: ObjectModel) -> float:
@@ -133,14 +134,8 @@ def _within(found: MeasuredProfile, model: ObjectModel) -> float:
 
 def _true(model: ObjectModel) -> NDArray[np.float64]:
     """Points (n, 2) of the true profile: radius and height [m]."""
-    return np.concatenate([_dense(each) for each in Profile.from_model(model).segments])
-
-
-def _dense(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 2) along a line through points (m, 2)."""
-    way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0, way[-1], max(int(way[-1] / _STEP), 2))
-    return np.stack([np.interp(at, way, line[:, 0]), np.interp(at, way, line[:, 1])], axis=1)
+    return np.concatenate([resampled(each, _STEP, 2)
+                           for each in Profile.from_model(model).segments])
 
 
 def _scene(rng: np.random.Generator, of: ProfileStudy, vessel: SceneObject, clutter: int = 5

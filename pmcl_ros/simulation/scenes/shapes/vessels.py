@@ -131,17 +131,20 @@ def _joined(kind: str, z: Profile, outer: Profile, inner: Profile, rng: np.rando
     hollow = np.isfinite(inner) & below
     down = np.stack([inner[hollow], z[hollow]], axis=1)[::-1]
     fall = np.stack([middle - half * np.sin(turn), base + half * np.cos(turn)], axis=1)
-    inside = np.concatenate([fall, _even(down), [[0, floor]]])
+    inside = np.concatenate([fall, resampled(down), [[0, floor]]])
     lift = np.array([0, z[-1] / 2])
-    return Vessel(kind, np.concatenate([bottom, _even(outside), crest]) - lift, inside - lift)
+    return Vessel(kind, np.concatenate([bottom, resampled(outside), crest]) - lift, inside - lift)
 
 
-def _even(profile: Profile) -> Profile:
-    """The same curve, resampled to points `_STEP` apart; empty: a wall that leaves no cavity."""
+def resampled(profile: Profile, step: float = _STEP, least: int = 4) -> Profile:
+    """The same curve of points about a step apart [m], and of so many at least.
+
+    It may be empty, as of a wall that leaves no cavity.
+    """
     if not len(profile):
         return profile
     way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
-    at = np.linspace(0, way[-1], max(4, int(way[-1] / _STEP)))
+    at = np.linspace(0, way[-1], max(least, int(way[-1] / step)))
     return np.stack([np.interp(at, way, profile[:, 0]), np.interp(at, way, profile[:, 1])], axis=1)
 
 
