@@ -4,11 +4,10 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from pmcl_ros.cli.base import FORCE, STDERR
 from pmcl_ros.evaluation.recall import values
+from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.posed_view import quaternion_pose
@@ -106,15 +105,14 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
         for each in compare(count, seed, widths, views, settings, arm):
             found.append(each)
             status.update(f'{each.seed}: {each.capture}, {each.mode}')
-    table = Table('scenes', 'camera', 'depth error', 'pose error', 'along the ray', 'axis error',
-                  'estimated sigma along the ray', 'lost')
     groups: dict[tuple[str, str], list[Trial]] = {}
     for each in found:
         name = f'{each.seed}: {each.capture}' if singly else each.capture.partition(':')[0]
         groups.setdefault((name, each.mode), []).append(each)
-    for (name, camera), of in sorted(groups.items(), key=lambda group: group[0][0]):
-        table.add_row(name, camera, *_row(of))
-    Console(width=150).print(table)
+    rows = sorted(groups.items(), key=lambda group: group[0][0])
+    click.echo(table(['scenes', 'camera', 'depth error', 'pose error', 'along the ray',
+                      'axis error', 'estimated sigma along the ray', 'lost'],
+                     [[*names, *_row(of)] for names, of in rows]))
 
 
 def _row(trials: list[Trial]) -> list[str]:
