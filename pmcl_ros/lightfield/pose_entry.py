@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
-from pmcl_ros.lightfield.posed_view import quaternion_pose
+from pmcl_ros.lightfield.posed_view import check_pose, quaternion_pose
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings, explain
 
@@ -77,4 +78,13 @@ def _sixteen(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _rigid(values: tuple[float, ...]) -> tuple[float, ...]:
+    try:
+        check_pose(np.reshape(values, (_ROWS, _ROWS)), 'it')
+    except LightFieldError as error:
+        raise ValueError(str(error)) from None
+    return values
+
+
 Matrix = Annotated[tuple[float, ...], BeforeValidator(_one_row), AfterValidator(_sixteen)]
+Rigid = Annotated[Matrix, AfterValidator(_rigid)]  # of a rotation and a shift

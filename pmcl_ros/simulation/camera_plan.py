@@ -11,10 +11,9 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of, retract
-from pmcl_ros.lightfield.pose_entry import Matrix
-from pmcl_ros.lightfield.posed_view import check_pose
+from pmcl_ros.lightfield.pose_entry import Rigid
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
-from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.scene import Scene
 
@@ -31,7 +30,7 @@ class CameraPlan(Settings):
         "a level circle about the middle of the object's region")
     grid: tuple[int, int, float] | None = Field(
         None, description='rows, columns, and the width [m]: parallel cameras in a plane')
-    poses: tuple[Matrix, ...] = Field(
+    poses: tuple[Rigid, ...] = Field(
         (), description="4x4 each, row by row: camera to the scene's own camera [m]")
     sigma_mm: float = Field(0.0, ge=0, le=100, description='error of the reported poses: '
                             'standard deviation of the position on each axis [mm]')
@@ -53,11 +52,6 @@ class CameraPlan(Settings):
         if self.grid is not None and not (min(self.grid) > 0 and self.grid[0] * self.grid[1] > 1):
             raise ValueError(f'a grid of {self.grid[0]}x{self.grid[1]} over {self.grid[2]:g} m: '
                              'at least 2 cameras, a positive width')
-        try:
-            for place, pose in enumerate(self._poses, 1):
-                check_pose(pose, f'pose {place}')
-        except LightFieldError as error:
-            raise ValueError(str(error)) from None
         if self.hidden > self.count:
             raise ValueError(f'{self.hidden} hidden views of {self.count}: set hidden to '
                              f'{self.count} at most')
@@ -97,15 +91,10 @@ class CameraPlan(Settings):
     def fixed(self) -> NDArray[np.float64]:
         """(n, 4, 4) `cameras` of a grid or a list, which are the same for all scenes."""
         if self.grid is None:
-            return self._poses
+            return np.array(self.poses, float).reshape(-1, 4, 4)
         rows, columns, width = self.grid
         plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
         return np.array([each.pose for each in plan.poses])
-
-    @property
-    def _poses(self) -> NDArray[np.float64]:
-        """(n, 4, 4) `poses`."""
-        return np.array(self.poses, float).reshape(-1, 4, 4)
 
     def reported(self, cameras: NDArray[np.float64], rng: np.random.Generator
              ) -> NDArray[np.float64]:

@@ -2,12 +2,11 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from pmcl_ros.lightfield.pose_entry import Matrix
-from pmcl_ros.lightfield.posed_view import check_pose
+from pmcl_ros.lightfield.pose_entry import Rigid
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
-from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 
@@ -15,17 +14,8 @@ class ViewPlan(Settings):
     """Poses of a camera's optical frame (x right, y down, z forward), in any directions."""
 
     frame: str = Field('', description='reference frame of the poses; empty: that of the views')
-    poses: list[Matrix] = Field(min_length=1, max_length=10_000, description='camera to the '
+    poses: list[Rigid] = Field(min_length=1, max_length=10_000, description='camera to the '
                                 'reference frame, 4x4 each, row by row [m], or a Pose of ROS')
-
-    @model_validator(mode='after')
-    def _rigid(self) -> 'ViewPlan':
-        try:
-            for number, camera in enumerate(self.cameras, 1):
-                check_pose(camera, f'pose {number}')
-        except LightFieldError as error:
-            raise ValueError(str(error)) from None
-        return self
 
     @property
     def cameras(self) -> NDArray[np.float64]:
