@@ -1,9 +1,7 @@
 """Raw pictures on disk: the camera's own .RAW (or .RAW.xz) with its .TXT beside it, or an .LFP."""
 
-import contextlib
 import lzma
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 from pmcl_ros.camera.lfp import (
@@ -11,6 +9,7 @@ from pmcl_ros.camera.lfp import (
     LARGEST_TEXT,
     Container,
     lfp_to_picture,
+    named,
     picture_to_lfp,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
@@ -32,7 +31,7 @@ def read_raw_frame(path: Path | str, header: Header | None = None) -> RawFrame:
     """
     path = Path(path)
     raw, text = read_picture(path)
-    with _named(path):
+    with named(path):
         metadata = _parsed(path, text)
         counts = unpack12(raw, metadata.image.width, metadata.image.height)
         if header is None:
@@ -46,9 +45,9 @@ def read_metadata(path: Path | str) -> CameraMetadata:
     if _is_lfp(path):
         text = lfp_to_picture(Container.open(path))[1]
     else:
-        with _named(path):
+        with named(path):
             text = _read_text(_text_beside(path))
-    with _named(path):
+    with named(path):
         return _parsed(path, text)
 
 
@@ -57,7 +56,7 @@ def read_picture(path: Path | str) -> tuple[bytes, str]:
     path = Path(path)
     if _is_lfp(path):
         return lfp_to_picture(Container.open(path))
-    with _named(path):
+    with named(path):
         text = _read_text(_text_beside(path))
         return _read_xz(path) if path.suffix.lower() == '.xz' else _read(path, LARGEST_RAW), text
 
@@ -74,7 +73,7 @@ def write_raw_frame(path: Path | str, frame: RawFrame, force: bool = False) -> N
 def write_picture(path: Path | str, raw: bytes, text: str, force: bool = False) -> None:
     """Like `write_raw_frame`, from packed counts and JSON text."""
     path = Path(path)
-    with _named(path):
+    with named(path):
         if _is_lfp(path):
             files = {path: picture_to_lfp(raw, text)}
         else:
@@ -137,7 +136,7 @@ def _text_beside(path: Path) -> Path:
 
 
 def _parsed(path: Path, text: str) -> CameraMetadata:
-    with _named('' if _is_lfp(path) else _text_beside(path).name):
+    with named('' if _is_lfp(path) else _text_beside(path).name):
         return CameraMetadata.parse(text)
 
 
@@ -174,15 +173,3 @@ def _read_xz(path: Path) -> bytes:
 def _holds(path: Path, data: bytes) -> bool:
     """Whether a file has these contents already."""
     return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
-
-
-@contextlib.contextmanager
-def _named(path: Path | str, verb: str = 'read') -> Iterator[None]:
-    """Prefix errors with the name of the file."""
-    try:
-        yield
-    except OSError as error:
-        name = error.filename or path
-        raise CameraError(f'cannot {verb} {name}: {error.strerror or error}') from None
-    except CameraError as error:
-        raise CameraError(f'{path}: {error}' if path else str(error)) from None

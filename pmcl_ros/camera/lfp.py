@@ -6,6 +6,7 @@ import ntpath
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any, BinaryIO
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError, told_as
 from pmcl_ros.runtime.settings import explain
 
 LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600
@@ -54,19 +55,14 @@ class Container:
     def open(cls, path: Path | str) -> 'Container':
         """Index a file; CameraError gives the fault and its byte offset."""
         path = Path(path)
-        try:
-            with path.open('rb') as stream:
-                sections = tuple(_verified(stream, path.stat().st_size))
-                tables = [each for each in sections if each.is_table]
-                if len(tables) != 1:
-                    raise CameraError(f'{len(tables)} tables of contents, expected one; the file '
-                                      'was cut short, or is no LFP')
-                body = _read(stream, tables[0], LARGEST_TEXT)
+        with named(path), path.open('rb') as stream:
+            sections = tuple(_verified(stream, path.stat().st_size))
+            tables = [each for each in sections if each.is_table]
+            if len(tables) != 1:
+                raise CameraError(f'{len(tables)} tables of contents, expected one; the file was '
+                                  'cut short, or is no LFP')
+            body = _read(stream, tables[0], LARGEST_TEXT)
             return cls(path, json_object(body, 'table of contents'), sections)
-        except OSError as error:
-            raise CameraError(f'cannot read {path}: {error.strerror or error}') from None
-        except CameraError as error:
-            raise CameraError(f'{path}: {error}') from None
 
     def component(self, reference: str, largest: int) -> bytes:
         """The body of a component.
@@ -80,13 +76,19 @@ class Container:
         if not found:
             raise CameraError(f'{self.path}: no component {reference[:60]!r}, which the table of '
                               'contents names; the file was cut short')
-        try:
-            with self.path.open('rb') as stream:
-                return _read(stream, found[0], largest)
-        except OSError as error:
-            raise CameraError(f'cannot read {self.path}: {error.strerror or error}') from None
-        except CameraError as error:
-            raise CameraError(f'{self.path}: {error}') from None
+        with named(self.path), self.path.open('rb') as stream:
+            return _read(stream, found[0], largest)
+
+
+@contextmanager
+def named(path: Path | str) -> Iterator[None]:
+    """CameraErrors begin with the name of a file, if there is one; OSErrors become such."""
+    try:
+        with told_as(CameraError, name=path):
+            yield
+    except OSError as error:
+        raise CameraError(f'cannot read {error.filename or path}: '
+                          f'{error.strerror or error}') from None
 
 
 def reference_of(body: bytes) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import TILE, UPPER_LEFT, RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.runtime.errors import CameraError, PictureError
+from pmcl_ros.runtime.errors import CameraError, PictureError, told_as
 from pmcl_ros.runtime.picture_file import read_picture_file
 
 _SUFFIXES = ('.png', '.jpg', '.jpeg')
@@ -56,10 +56,8 @@ def read_mosaic_image(path: Path | str, gain: float = 1.0) -> RawFrame:
 
 
 def _read_levels(path: Path) -> NDArray[np.uint8]:
-    try:
+    with told_as(CameraError, PictureError):
         levels = read_picture_file(path, cv2.IMREAD_UNCHANGED)
-    except PictureError as error:
-        raise CameraError(str(error)) from None
     if levels.ndim != 2 or levels.dtype != np.uint8:
         raise CameraError(
             f'{path} has {1 if levels.ndim == 2 else levels.shape[2]} channels of {levels.dtype}; '

@@ -12,7 +12,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evidence.contour_net import contour_net, reduced
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers.pictures import read_picture
-from pmcl_ros.runtime.errors import PictureError
+from pmcl_ros.runtime.errors import PictureError, told_as
 
 
 @click.command('contour-map')
@@ -37,10 +37,8 @@ def contour_map(pictures: tuple[Path, ...], out: Path, force: bool) -> None:
     for path, name in zip(pictures, names, strict=True):
         # Before the network, which gives its map in all pixels; means of white may be 1.0000001.
         picture = reduced(encoded(read_picture(path), GAMMA)).clip(0, 1)
-        try:
+        with told_as(PictureError, name=path):
             ratios = net(picture)
-        except PictureError as error:
-            raise PictureError(f'{path}: {error}') from error
         file = results.path(name)
         write_png(file, contour_map_picture(np.rint(255 * picture).astype(np.uint8), ratios))
         click.echo(file)

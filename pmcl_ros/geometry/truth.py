@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError, told_as
 from pmcl_ros.runtime.text_file import read_json
 
 
@@ -32,8 +32,9 @@ class Truth:
     @classmethod
     def load(cls, path: Path | str) -> 'Truth':
         """Read a truth.json; SettingsError without a pose and a region."""
-        try:
+        with told_as(SettingsError, FileError):
             values = read_json(path)
+        try:
             key = 'object_to_camera' if 'object_to_camera' in values else 'object_to_reference'
             pose = np.array(values[key], float).reshape(4, 4)
             x, y, z = (float(each) for each in values['roi']['center'])
@@ -42,8 +43,6 @@ class Truth:
                        bool(values.get('film', False)), str(values.get('name', '')),
                        tuple(np.array(each, float).reshape(4, 4)
                              for each in values.get('cameras_to_reference', ())))
-        except FileError as error:
-            raise SettingsError(str(error)) from None
         except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise SettingsError(f'{path} holds no object_to_camera (or, of several '
                                 f'views, object_to_reference) and roi: {error!r}') from None

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 
 from pmcl_ros.lightfield.posed_view import check_pose, quaternion_pose
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings, explain
 
 _ROWS = 4
@@ -79,10 +79,8 @@ def _sixteen(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _rigid(values: tuple[float, ...]) -> tuple[float, ...]:
-    try:
+    with told_as(ValueError, LightFieldError):
         check_pose(np.reshape(values, (_ROWS, _ROWS)), 'it')
-    except LightFieldError as error:
-        raise ValueError(str(error)) from None
     return values
 
 

@@ -28,7 +28,7 @@ from pmcl_ros.messages.raw_frame import (
     raw_frame_to_messages,
 )
 from pmcl_ros.messages.types import PoseStamped
-from pmcl_ros.runtime.errors import BagError, MessageError
+from pmcl_ros.runtime.errors import BagError, MessageError, told_as
 
 _IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
 # Topics and their types
@@ -50,7 +50,7 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
     if wanted is not None:
         return read_views(bag, wanted)
     there = {each.name for each in topics(bag) if each.messages}
-    try:
+    with told_as(BagError, MessageError, name=bag):
         if there.issuperset(_RAW):
             text, image = _first_raw(bag)
             return raw_frame_from(image, metadata_from(text))
@@ -58,8 +58,6 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
             return light_field_from(*_of_one_stamp(bag, _VIEWS, last=False))
         if there.issuperset(_POSED):
             return posed_views_from(*_of_one_stamp(bag, _POSED, last=True))
-    except MessageError as error:
-        raise BagError(f'{bag}: {error}') from None
     if has_images_with_poses(bag):
         return read_views(bag, BagViews())
     raise BagError(f'{bag} holds neither {" with ".join(reversed(_RAW))} nor {", ".join(_VIEWS)} '
@@ -124,7 +122,7 @@ def extract_captures(bag: Path | str, folder: Path | str, force: bool = False
     """
     metadata: CameraMetadata | None = None
     paths: list[Path] = []
-    try:
+    with told_as(BagError, MessageError, name=bag):
         for each in read(bag, _RAW):
             message = message_of(each, _RAW[each.topic])
             if each.topic == '/metadata':
@@ -133,8 +131,6 @@ def extract_captures(bag: Path | str, folder: Path | str, force: bool = False
                 frame = raw_frame_from(message, metadata)
                 paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
                 write_raw_frame(paths[-1], frame, force)
-    except MessageError as error:
-        raise BagError(f'{bag}: {error}') from None
     if not paths:
         raise BagError(f'{bag} holds no /image_raw with /metadata before it')
     return paths

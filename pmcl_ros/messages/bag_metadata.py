@@ -16,7 +16,7 @@ from rosbags.interfaces import (
 
 from pmcl_ros.messages.cdr import typestore
 from pmcl_ros.messages.mcap_records import Channel
-from pmcl_ros.runtime.errors import BagError, FileError, SettingsError
+from pmcl_ros.runtime.errors import BagError, FileError, SettingsError, told_as
 from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import parse_yaml, read_yaml_file
@@ -56,13 +56,11 @@ class BagFiles(Settings):
     @classmethod
     def read(cls, bag: Path) -> 'BagFiles':
         """Read the file of a bag. Raises BagError."""
-        try:
+        with told_as(BagError, FileError, SettingsError):
             values = read_yaml_file(bag / NAME).get(_ROOT)
             if not isinstance(values, dict):
                 raise BagError(f'{bag / NAME} has no {_ROOT}')
             return cls.make(values, str(bag / NAME))
-        except (FileError, SettingsError) as error:
-            raise BagError(str(error)) from None
 
     def paths(self, bag: Path) -> list[Path]:
         """The files, which lie in the folder whatever older versions write before their names."""

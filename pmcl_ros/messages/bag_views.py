@@ -29,6 +29,7 @@ from pmcl_ros.runtime.errors import (
     MessageError,
     PmclError,
     PoseUnavailableError,
+    told_as,
 )
 from pmcl_ros.runtime.resources import resolve
 
@@ -92,7 +93,7 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
         raise BagError(f'{bag} has no {info} (CameraInfo) beside {image}: record it too')
     pose = _chosen(bag, settings.pose_topic, _pose_topics(there), 'camera_pose', '--pose-topic')
     _tell_poses(bag, pose, settings)
-    try:
+    with told_as(BagError, PmclError, name=bag):
         frame, poses, posed = (_tf(bag, settings) if pose == _TF
                                else _stamped(bag, pose, settings))
         mask = read_mask(resolve(settings.mask, 'mask')) if settings.mask else None
@@ -101,8 +102,6 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
         if not collection.frames:
             _check_clocks(taken, posed)
         found = collection.assemble()
-    except PmclError as error:
-        raise BagError(f'{bag}: {error}') from None
     if found.left_out or found.blurred:
         usual = not found.blurred and all(each.spare or each.moved for each in found.left_out)
         _LOG.log(logging.INFO if usual else logging.WARNING, '%s: %s', bag, found.describe())

@@ -9,7 +9,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.sweep.frame import Lens, warn_distorted
 from pmcl_ros.messages.header import header_to_message, promised_by
 from pmcl_ros.messages.types import CameraInfo, RegionOfInterest
-from pmcl_ros.runtime.errors import MessageError, PmclError
+from pmcl_ros.runtime.errors import MessageError
 
 
 def pinhole_to_message(header: Header, pinhole: Pinhole, baseline: float = 0) -> CameraInfo:
@@ -63,11 +63,9 @@ def lens_from(message: CameraInfo, rectified: bool) -> Lens:
         raise MessageError('camera_info: the focal length is 0: calibrate the camera '
                            '(camera_calibration)')
     coefficients = () if rectified else tuple(float(each) for each in message.d)
-    try:
+    with promised_by('camera_info'):
         lens = Lens.from_matrix(message.width, message.height, numbers, coefficients,
                                 message.distortion_model)
-    except PmclError as error:
-        raise MessageError(f'camera_info: {error}') from None
     if lens.distortion:
         warn_distorted(message.header.frame_id, lens)
     return lens

@@ -3,6 +3,8 @@
 Messages say what is wrong, with the values, and what to do.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _NO_MEMORY = -4  # cv2.Error.StsNoMem
 _LONGEST = 2000  # characters of a message: files and libraries have a say in them
@@ -21,6 +23,19 @@ def one_line(text: str) -> str:
     if len(text) > _LONGEST:
         text = f'{text[:_LONGEST // 2]} ... {text[-_LONGEST // 2:]}'
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+@contextmanager
+def told_as(kind: type[Exception], *others: type[PmclError], name: object = '') -> Iterator[None]:
+    """Errors of other kinds, default: of that kind, become such with the same text.
+
+    name: what it begins with, as that of a file.
+    """
+    caught = others or (kind,)
+    try:
+        yield
+    except caught as error:
+        raise kind(f'{name}: {error}' if name else str(error)) from None
 
 
 def is_out_of_memory(error: Exception) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from pmcl_ros.runtime.binary_file import read_bytes
-from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
+from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError, told_as
 from pmcl_ros.runtime.mesh_repair import repair
 from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 
@@ -33,10 +33,8 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     if kind not in _KINDS:
         raise ObjectModelError(f'{path} cannot be read as a mesh: {", ".join(_KINDS)} are read; '
                                'convert it, with Blender or MeshLab')
-    try:
+    with told_as(ObjectModelError, FileError):
         data = read_bytes(path, _MOST_BYTES, 'simplify it, or write it as a binary STL or PLY')
-    except FileError as error:
-        raise ObjectModelError(str(error)) from None
     try:
         _check_content(data)
         _check_size(mesh_size(data, kind))

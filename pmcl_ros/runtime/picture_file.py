@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.runtime.binary_file import read_bytes
-from pmcl_ros.runtime.errors import FileError, PictureError
+from pmcl_ros.runtime.errors import FileError, PictureError, told_as
 
 _Read = TypeVar('_Read')
 _LOG = logging.getLogger(__name__)
@@ -46,14 +46,10 @@ def read_picture_size(path: Path) -> tuple[int, int]:
 
 
 def _of_file(path: Path, read: Callable[[bytes], _Read]) -> _Read:
-    try:
+    with told_as(PictureError, FileError):
         data = read_bytes(path, _MOST_BYTES)
-    except FileError as error:
-        raise PictureError(str(error)) from None
-    try:
+    with told_as(PictureError, name=path):
         return read(data)
-    except PictureError as error:
-        raise PictureError(f'{path}: {error}') from None
 
 
 def decoded(data: bytes, flags: int) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from pmcl_ros.runtime.errors import FileError, OutputError, SettingsError
+from pmcl_ros.runtime.errors import FileError, OutputError, SettingsError, told_as
 from pmcl_ros.runtime.outputs import write_file
 from pmcl_ros.runtime.text_file import read_yaml_file
 
@@ -161,10 +161,8 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
 
     Raises SettingsError when the file is missing, is not YAML or holds no mapping.
     """
-    try:
+    with told_as(SettingsError, FileError):
         return read_yaml_file(path)
-    except FileError as error:
-        raise SettingsError(str(error)) from None
 
 
 def suggest(name: str, kind: type[Settings]) -> str:

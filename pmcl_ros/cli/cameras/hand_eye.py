@@ -31,7 +31,7 @@ from pmcl_ros.lightfield.calibration.printed_board import Board, another_lens
 from pmcl_ros.lightfield.fixed_cameras import FixedCameraSettings
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
 
 _File = TypeVar('_File', bound=posed_views.ViewsFile)
@@ -167,10 +167,8 @@ def _beside_arm(cameras: Mapping[str, tuple[posed_views.ViewsFile, Path]], board
     """Parameters of fixed_cameras in the base of the arm; printed."""
     found = {}
     for name, (of, path) in cameras.items():
-        try:
+        with told_as(LightFieldError, name=name):
             found[name] = _calibrated(of, path, board, True, shrink)
-        except LightFieldError as error:
-            raise LightFieldError(f'{name}: {error}') from None
         click.echo(f'{name}:')
         _print(found[name], True, '')
     return _mounts(found)
@@ -250,11 +248,9 @@ def cameras_at_board(source: Path, board: Board, shrink: int = 1
             raise LightFieldError(
                 f'{path}: no board of {board.options} in the pictures of {name} ({files}): are '
                 'these its numbers, and is it in view?')
-        try:
+        with told_as(LightFieldError, name=f'{path}: {name}'):
             found[name] = camera_at_board(agreeing, points, pinhole, heights)
             lens = another_lens(agreeing, board, pinhole)
-        except LightFieldError as error:
-            raise LightFieldError(f'{path}: {name}: {error}') from None
         if lens is not None:
             click.echo(f'{name}: the board fits best with {lens}: {ASK_LENS}', err=True)
     return of.reference if 'reference' in of.model_fields_set else 'board', found
@@ -282,12 +278,10 @@ def _calibrated(of: posed_views.ViewsFile, path: Path, board: Board, fixed_camer
                               f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     mounts = {each.file: np.array(each.mount_to_base, float).reshape(4, 4) for each in of.views}
     boards, (pinhole,) = boards_in(of, path, board, reduction, pinholes), pinholes
-    try:
+    with told_as(LightFieldError, name=path):
         points, _, agreeing = lying(board, boards, pinhole)
         pictures = [BoardPicture(name, seen, mounts[name]) for name, seen in agreeing.items()]
         return hand_eye(pictures, points, pinhole, sigma, fixed_camera)
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None
 
 
 def _told(sigma: tuple[float, float]) -> str:

@@ -18,7 +18,7 @@ from pmcl_ros.evidence.contour_map import DIRECTIONS, harmonics
 from pmcl_ros.evidence.learned import Calibration
 from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
-from pmcl_ros.runtime.errors import PictureError
+from pmcl_ros.runtime.errors import PictureError, told_as
 from pmcl_ros.simulation.labelled_pictures import read_labelled
 
 _EDGES = np.linspace(-30, 30, 1201)  # of logits; those beyond are in the outer bins
@@ -119,10 +119,8 @@ class Measured:
         sums: Measured | None = None
         for each in files:
             labelled = read_labelled(each)
-            try:
+            with told_as(PictureError, name=each):
                 out = logits(labelled.picture)
-            except PictureError as error:
-                raise PictureError(f'{each}: {error}') from error
             predicted = out[..., :5] @ basis
             there = labelled.direction >= 0
             close = cv2.dilate(there.astype(np.uint8), np.ones((3, 3), np.uint8))

@@ -19,7 +19,7 @@ from pmcl_ros.learning.contour_net.onnx_file import read
 from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
 from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 from pmcl_ros.runtime.binary_file import read_bytes
-from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError, told_as
 from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.outputs import replacing
 
@@ -163,10 +163,8 @@ def train(folder: Path, path: Path, plan: TrainingPlan, report: Callable[[str], 
             f', to {plan.steps}, with the learning rate {plan.rate:g}' if state.step < plan.steps
             else f': nothing is left to train of {plan.steps}'))
     elif data is not None:
-        try:
+        with told_as(SettingsError, name=start):
             trainer.start_from(data, folder)
-        except SettingsError as error:
-            raise SettingsError(f'{start}: {error}') from None
         state = replace(trainer.state(0), start=digest)
         report(f'beginning with the network {start}')
     files = Files.find(folder)

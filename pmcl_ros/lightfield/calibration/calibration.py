@@ -7,7 +7,7 @@ from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError, told_as
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_json
 
@@ -64,14 +64,13 @@ class Calibration(Settings):
         capture: a capture's truth.json with `camera`. white: the white image's with `lattice`.
         Raises SettingsError when they cannot be read or hold none.
         """
+        with told_as(SettingsError, FileError):
+            of_capture, of_white = read_json(capture), read_json(white)
         try:
-            camera = read_json(capture)['camera']
-            lattice = read_json(white)['lattice']
+            camera, lattice = of_capture['camera'], of_white['lattice']
             values = {name: camera[name] for name in _OF_CAMERA}
             values['baseline'] = camera['baseline_step']
             values['lattice'] = {name: lattice[name] for name in Lattice.model_fields}
-        except FileError as error:
-            raise SettingsError(str(error)) from None
         except (ValueError, KeyError, TypeError) as error:
             raise SettingsError(
                 f'{capture} and {white} hold no camera and lattice: {error!r}') from None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
-from pmcl_ros.runtime.errors import FileError, LightFieldError, PictureError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, PictureError, told_as
 from pmcl_ros.runtime.picture_file import read_picture_size
 from pmcl_ros.runtime.text_file import read_json
 
@@ -55,10 +55,8 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
         if skew != 0:
             raise LightFieldError(f'{path}: picture {number} has skew {skew:g} in cam_K; expected '
                                   'a camera without')
-        try:
+        with told_as(LightFieldError, PictureError):
             width, height = read_picture_size(file)
-        except PictureError as error:
-            raise LightFieldError(str(error)) from None
         cameras[str(number)] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
                            'cy': cy}
         view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': str(number)}
@@ -198,10 +196,8 @@ def by_number(path: Path) -> dict[int, Any]:
 
     Raises LightFieldError.
     """
-    try:
+    with told_as(LightFieldError, FileError):
         values = read_json(path)
-    except FileError as error:
-        raise LightFieldError(str(error)) from None
     if not all(map(_NUMBER.fullmatch, values)):
         raise LightFieldError(f'{path}: expected the numbers of pictures as its names')
     return {int(number): values[number] for number in sorted(values, key=int)}

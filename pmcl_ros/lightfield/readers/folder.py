@@ -12,7 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
 from pmcl_ros.lightfield.readers.pictures import Bits, Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
 
 # Of the Stanford Light Field Archive's rectified grids: out_RR_CC_Y_X.png, or with one more _
@@ -86,10 +86,8 @@ def read_folder(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     paths = [[yaml.parent / name for name in row] for row in names]
     files = ViewFiles(paths, _positions(of, found, yaml), of.fx, of.fy or of.fx, of.cx, of.cy,
                       of.focus_distance, of.gamma, of.bits)
-    try:
+    with told_as(LightFieldError, name=yaml):
         return files.read(header, reduction)
-    except LightFieldError as error:
-        raise LightFieldError(f'{yaml}: {error}') from None
 
 
 def _views(yaml: Path, of: GridSettings) -> tuple[list[list[str]], NDArray[np.float64]]:

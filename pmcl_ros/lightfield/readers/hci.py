@@ -15,7 +15,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
-from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings, explain
 from pmcl_ros.runtime.text_file import read_text
 
@@ -56,10 +56,8 @@ def read_hci(folder: Path, header: Header, reduction: Reduction) -> LightField:
     cx, cy = ((size - 1) / 2 + even * focal * of.baseline_mm / 2000 / focus
               for size, even in zip((width, height), beside, strict=True))
     files = ViewFiles(paths, positions, focal, focal, cx, cy, focus)
-    try:
+    with told_as(LightFieldError, name=folder):
         light_field = files.read(header, reduction)
-    except LightFieldError as error:
-        raise LightFieldError(f'{folder}: {error}') from None
     found = light_field.grid.pinhole
     expected = width // reduction.shrink, height // reduction.shrink
     if (found.width, found.height) != expected:

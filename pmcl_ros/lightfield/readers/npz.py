@@ -12,7 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
-from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, told_as
 from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.outputs import replacing
 
@@ -53,18 +53,15 @@ def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
     Optional: weights (default: 1), positions (default: one step apart), gamma, gains and matrix.
     Raises LightFieldError when a value is missing or of another shape or type.
     """
-    try:
+    with told_as(LightFieldError, FileError):
         arrays = read_arrays(path, _MOST_BYTES)
+    with told_as(LightFieldError, name=path):
         missing = [name for name in _NEEDED if name not in arrays]
         if missing:
             raise LightFieldError(f'it has no {", ".join(missing)}; expected views, fx, fy, cx, '
                                   'cy, baseline (as `pmcl decode` writes where it is given a '
                                   '--calibration)')
         return _light_field(arrays, header, reduction)
-    except FileError as error:
-        raise LightFieldError(str(error)) from None
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None
 
 
 def _light_field(file: dict[str, NDArray[Any]], header: Header, reduction: Reduction

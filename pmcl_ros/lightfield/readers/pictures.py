@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.runtime.errors import LightFieldError, PictureError
+from pmcl_ros.runtime.errors import LightFieldError, PictureError, told_as
 from pmcl_ros.runtime.picture_file import read_picture_file, read_picture_size
 
 _Read = TypeVar('_Read')
@@ -94,10 +94,8 @@ def read_picture(path: Path, bits: int = _DEEPEST) -> NDArray[Any]:
     if picture.dtype not in (np.uint8, np.uint16, np.float32):
         raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
                               '32-bit floating point')
-    try:
+    with told_as(LightFieldError, name=path):
         return full_range(np.asarray(picture[..., ::-1]), bits)
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -108,10 +106,8 @@ def picture_size(path: Path) -> tuple[int, int]:
 def _of_view(path: Path, read: Callable[[Path], _Read]) -> _Read:
     if not os.path.isfile(path):  # which takes any name
         raise LightFieldError(f'there is no {path}; every view needs its file')
-    try:
+    with told_as(LightFieldError, PictureError):
         return read(path)
-    except PictureError as error:
-        raise LightFieldError(str(error)) from None
 
 
 def full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:

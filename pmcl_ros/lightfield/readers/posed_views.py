@@ -28,7 +28,7 @@ from pmcl_ros.lightfield.readers.pictures import (
 )
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
 from pmcl_ros.lightfield.sweep.frame import Lens, warn_distorted
-from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_yaml_file
 
@@ -236,12 +236,10 @@ def views_of_sweep(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
     The reference frame, `sweep`, is the fixed frame of its poses.
     """
     of = SweepFolder.load(yaml)
-    try:
+    with told_as(LightFieldError, name=yaml):
         width, height = picture_size(yaml.parent / of.frames[0].file)
         views = [{'file': each.file, 'camera': _SWEEP,
                   'camera_to_reference': each.pose.ravel().tolist()} for each in of.frames]
-    except LightFieldError as error:
-        raise LightFieldError(f'{yaml}: {error}') from None
     camera = {'width': width, 'height': height, 'gamma': of.gamma} | of.camera.model_dump(
         exclude_none=True)
     found = ViewsFile.make({'cameras': {_SWEEP: camera}, 'views': views, 'reference': _SWEEP,
@@ -254,7 +252,7 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
     path = folder / entry.file
     seen = (centre_view(read_npz(path, Header(), reduction)) if entry.is_light_field
             else _picture(path, entry.camera, of.cameras[entry.camera], of.bits, reduction))
-    try:
+    with told_as(LightFieldError, name=path):
         stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
                     else round(1e9 * entry.stamp))
         return replace(
@@ -262,8 +260,6 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
             camera_to_reference=np.array(entry.camera_to_reference).reshape(4, 4),
             sigma=(1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))),
             group=entry.group, common=entry.common, name=entry.file)
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None
 
 
 def _another_size(camera: ViewCamera, width: int, height: int) -> str:
@@ -303,7 +299,7 @@ def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Re
     """What a camera's file shows, without distortion, in the frame of the camera."""
     values = read_picture(path, bits)
     height, width = values.shape[:2]
-    try:
+    with told_as(LightFieldError, name=path):
         if (width, height) != (camera.width, camera.height):
             raise LightFieldError(
                 f'it has {width}x{height} px, its camera {name!r} {camera.width}x{camera.height}: '
@@ -315,5 +311,3 @@ def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Re
         reduction.check_memory(1, 1, height, width)
         picture = camera.lens.undistorted(encoded(values, camera.gamma), camera.pinhole)
         return PosedView(Header(), reduction.shrunk(picture), reduction.pinhole(camera.pinhole))
-    except LightFieldError as error:
-        raise LightFieldError(f'{path}: {error}') from None

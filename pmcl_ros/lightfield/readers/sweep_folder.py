@@ -19,7 +19,7 @@ from pmcl_ros.lightfield.readers.pictures import Reduction, picture_size, read_p
 from pmcl_ros.lightfield.sweep.assemble import assemble, is_grid
 from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame, warn_distorted
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
 
 NAME = 'sweep.yaml'
@@ -97,11 +97,9 @@ def has_grid(yaml: Path) -> bool:
     of = SweepFolder.load(yaml)
     if of.posed:
         return False
-    try:
+    with told_as(LightFieldError, name=yaml):
         size = picture_size(yaml.parent / of.frames[0].file)
         return is_grid([each.pose for each in of.frames], of.camera.lens_of(*size).pinhole, of)
-    except LightFieldError as error:
-        raise LightFieldError(f'{yaml}: {error}') from None
 
 
 def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
@@ -116,7 +114,7 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
                               'could be taken; write other rows, columns and baseline')
     values = of.model_dump(include=set(SweepSettings.model_fields))
     settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
-    try:
+    with told_as(LightFieldError, name=yaml):
         frames = [_frame(yaml.parent, of.frames[0], of)]
         warn_distorted(of.frames[0].file, frames[0].lens)
         size = len(of.frames) * frames[0].image.nbytes
@@ -127,8 +125,6 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
                 f'{_MOST_BYTES / 2 ** 30:.0f}: list fewer, or make the files smaller')
         frames += [_frame(yaml.parent, each, of) for each in of.frames[1:]]
         sweep = assemble(frames, settings, header.frame_id)
-    except LightFieldError as error:
-        raise LightFieldError(f'{yaml}: {error}') from None
     if sweep.left_out:
         _LOG.warning('%s: %s', yaml, sweep.describe())
     found = sweep.light_field

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.lightfield.posed_view import quaternion_pose
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
 
 MATCHING = 0.25  # px: standard deviation of a measured displacement
@@ -41,10 +41,8 @@ class PlannedView(Settings):
 
     @model_validator(mode='after')
     def _rigid(self) -> 'PlannedView':
-        try:
+        with told_as(ValueError, LightFieldError):
             _ = self.pose
-        except LightFieldError as error:
-            raise ValueError(str(error)) from None
         return self
 
     @property

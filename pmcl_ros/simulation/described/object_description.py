@@ -12,7 +12,7 @@ from pmcl_ros.geometry.revolution_axis import ANGLES
 from pmcl_ros.geometry.se3 import least_turn, pose_of, rotations_about
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
-from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.runtime.errors import ObjectModelError, told_as
 from pmcl_ros.runtime.mesh_file import read_mesh
 from pmcl_ros.runtime.mesh_repair import is_apart
 from pmcl_ros.runtime.settings import read_yaml
@@ -44,10 +44,8 @@ def load_object(path: Path | str) -> SceneObject:
     """
     path = Path(path)
     described = _Description.load(path)
-    try:
+    with told_as(ObjectModelError, name=path):
         return described.made()
-    except ObjectModelError as error:
-        raise ObjectModelError(f'{path}: {error}') from None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from pmcl_ros.pmcl.appearance import Appearance, Liquid
-from pmcl_ros.runtime.errors import ObjectModelError, PictureError
+from pmcl_ros.runtime.errors import ObjectModelError, PictureError, told_as
 from pmcl_ros.runtime.picture_file import read_picture_file
 from pmcl_ros.simulation.scenes.materials import Clear, Medium, Opaque
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture
@@ -60,9 +60,7 @@ def _texture(appearance: Appearance, folder: Path) -> Texture:
         colour = np.array(appearance.colour or _COLOUR, np.float32)
         return np.broadcast_to(colour, (SIZE, SIZE, 3))
     path = folder / appearance.texture
-    try:
+    with told_as(ObjectModelError, PictureError, name='appearance.texture'):
         picture = read_picture_file(path, cv2.IMREAD_COLOR)
-    except PictureError as error:
-        raise ObjectModelError(f'appearance.texture: {error}') from None
     linear = (picture[..., ::-1].astype(np.float32) / np.float32(255)) ** np.float32(_GAMMA)
     return np.asarray(cv2.resize(linear, (SIZE, SIZE), interpolation=cv2.INTER_AREA), np.float32)
