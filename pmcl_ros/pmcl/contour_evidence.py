@@ -20,8 +20,9 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import ContourPosterior, Feasible, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
-from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
+from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.contour_score import ContourScore
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.level_of_detail import simplified, subdivided

@@ -25,8 +25,9 @@ from pmcl_ros.pmcl.posterior import Feasible, Posterior, Score
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
-from pmcl_ros.pmcl.render.back_end import ContourScore, make_renderer
+from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.contour_score import ContourScore
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window

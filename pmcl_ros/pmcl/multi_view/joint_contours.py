@@ -15,8 +15,8 @@ from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.other_objects import not_hidden, not_masked
 from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.posterior import Score
-from pmcl_ros.pmcl.render.back_end import ContourScore
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.contour_score import ContourScore
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST
 from pmcl_ros.pmcl.support import evidence_beyond
 from pmcl_ros.pmcl.tracking.near_prior import rigid_score

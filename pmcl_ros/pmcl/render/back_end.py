@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
+from pmcl_ros.pmcl.render.contour_score import ContourScore
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
@@ -31,35 +31,6 @@ class LikelihoodScore(Protocol):
         ...
 
     def __enter__(self) -> 'LikelihoodScore': ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-class ContourScore(Protocol):
-    """How well a pose's contour lies on edges at its own depth (docs/concepts/evidence.md)."""
-
-    @property
-    def evaluations(self) -> int:
-        """How many poses were drawn so far."""
-        ...
-
-    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n,) sum of the evidence along contours, and creases, of poses (n, 4, 4) [nat]."""
-        ...
-
-    def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n, 2) that, and the length of the contour in the image [px]."""
-        ...
-
-    def points(self, pose: NDArray[np.floating]) -> ContourPoints:
-        """The contour's points that are summed, of one pose (4, 4)."""
-        ...
-
-    def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
-        """Likewise of the creases; None where there are none."""
-        ...
-
-    def __enter__(self) -> 'ContourScore': ...
 
     def __exit__(self, *_: object) -> None: ...
 

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
-from pmcl_ros.pmcl.render.contour import KernelVolume, check_profile
-from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, sums_of_images
+from pmcl_ros.pmcl.render.contour_score import ContourScore
+from pmcl_ros.pmcl.render.creases import Creases, sums_of_images
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
 
@@ -156,7 +154,7 @@ void main() {
 """
 
 
-class GlContourScore(Closing):
+class GlContourScore(ContourScore):
     """See `ContourScore`. capacity: poses drawn at once.
 
     Raises RenderError when the volume, the window or the profile is larger than this GL can hold.
@@ -165,12 +163,7 @@ class GlContourScore(Closing):
     def __init__(self, context: GlContext, scene: Scene, volume: EvidenceVolume,
                  profile: ContourProfile, capacity: int = 96,
                  creases: Creases | None = None) -> None:
-        check_profile(profile)
-        self.evaluations = 0
-        self._scene, self._profile = scene, profile
-        self._volume = KernelVolume.from_volume(scene, volume, profile)
-        self._creases = creases
-        self._lines = None if creases is None else Lines.from_creases(scene, volume, creases)
+        super().__init__(scene, volume, profile, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._tensor = _texture(
             context, np.ascontiguousarray(self._volume.tensor.transpose(2, 0, 1, 3)))
@@ -195,10 +188,6 @@ class GlContourScore(Closing):
         self._program['ramps'] = [tuple(ramp) for ramp in ramps.tolist()]
         self._program['slopes'] = slopes.ravel().tolist()
 
-    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """See `ContourScore`."""
-        return self.evaluate(poses)[:, 0]
-
     def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
         self.evaluations += len(poses)
@@ -207,23 +196,11 @@ class GlContourScore(Closing):
                    for first in range(0, len(poses), capacity)]
         return np.concatenate([np.zeros((0, 2)), *batches])
 
-    def points(self, pose: NDArray[np.floating]) -> ContourPoints:
-        """See `ContourScore`."""
-        self.evaluations += 1
-        return ContourPoints.from_zbuffer((0, 0, *self._scene.window.size), self._drawn(pose),
-                                          self._volume, self._profile)
-
-    def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
-        """See `ContourScore`."""
-        if self._creases is None or self._lines is None:
-            return None
-        return CreasePoints.from_zbuffer(
-            np.asarray(pose, np.float32), (0, 0, *self._scene.window.size), self._drawn(pose),
-            *self._lines, self._creases.profile)
-
-    def _drawn(self, pose: NDArray[np.floating]) -> NDArray[np.float32]:
+    def _drawn(self, pose: NDArray[np.floating]
+               ) -> tuple[tuple[int, int, int, int], NDArray[np.float32]]:
         self.zbuffers.draw(pose[None])
-        return np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
+        drawn = np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
+        return (0, 0, *self._scene.window.size), drawn
 
     def _batch(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         self.zbuffers.draw(poses)

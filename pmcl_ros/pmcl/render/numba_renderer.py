@@ -13,9 +13,10 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.render.contour import KernelVolume, check_profile, label_scale, sums
+from pmcl_ros.pmcl.render.contour import label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
+from pmcl_ros.pmcl.render.contour_score import ContourScore
+from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, crease_sum
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
 from pmcl_ros.pmcl.render.raster import MARGIN, Buffers, Drawing, draw, own_buffers
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -73,24 +74,15 @@ class NumbaRenderer:
         """Nothing to do."""
 
 
-class NumbaContourScore(Closing):
+class NumbaContourScore(ContourScore):
     """See `ContourScore`."""
 
     def __init__(self, scene: Scene, volume: EvidenceVolume, profile: ContourProfile,
                  creases: Creases | None = None) -> None:
-        check_profile(profile)
-        self._profile = profile
-        self.evaluations = 0
-        self._scene, self._drawing = scene, Drawing.from_scene(scene)
-        self._volume = KernelVolume.from_volume(scene, volume, profile)
+        super().__init__(scene, volume, profile, creases)
+        self._drawing = Drawing.from_scene(scene)
         self._buffers = Buffers.for_threads(self._drawing)
         self._found = np.zeros((len(self._buffers.z), 2 * self._buffers.z.shape[1]), np.int32)
-        self._creases = creases
-        self._lines = None if creases is None else Lines.from_creases(scene, volume, creases)
-
-    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """See `ContourScore`."""
-        return self.evaluate(poses)[:, 0]
 
     def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
@@ -105,9 +97,8 @@ class NumbaContourScore(Closing):
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
-        self.evaluations += 1
         with LOCK:
-            points = ContourPoints.from_zbuffer(*self._drawn(pose), self._volume, self._profile)
+            points = super().points(pose)
         water = self._drawing.water
         if not len(water):
             return points
@@ -117,11 +108,8 @@ class NumbaContourScore(Closing):
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""
-        if self._creases is None or self._lines is None:
-            return None
         with LOCK:
-            return CreasePoints.from_zbuffer(_float32(pose), *self._drawn(pose), *self._lines,
-                                   self._creases.profile)
+            return super().creases(pose)
 
     def _drawn(self, pose: NDArray[np.floating]
                ) -> tuple[tuple[int, int, int, int], NDArray[np.float32]]:
