@@ -55,7 +55,7 @@ class JointPosterior:
     settings: PmclSettings
     contours: JointContours
     numbers: LearnedViews | None
-    _known: list['_Known'] = field(default_factory=list)
+    _known: list['KnownMode'] = field(default_factory=list)
 
     @classmethod
     def opened(cls, joint: JointEvidence, settings: PmclSettings, numbers: LearnedViews | None,
@@ -71,7 +71,7 @@ class JointPosterior:
 
     def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
         """At a pose (4, 4), with the nuisances of the mode nearby; sure: with its uncertainty."""
-        known = self._known_at(pose)
+        known = self.known_near(pose)
         if not sure:
             return self.contours.local_model(pose, False, known.nuisances, known.scale)
         off = self.model.symmetry.local(pose[None], known.pose)
@@ -81,39 +81,43 @@ class JointPosterior:
 
     def points_at(self, pose: NDArray[np.float64]) -> ContourPoints:
         """The contour of a pose (4, 4) in all views, with the same nuisances."""
-        return self.contours.points(pose, self._known_at(pose).nuisances)
+        return self.contours.points(pose, self.known_near(pose).nuisances)
 
     def share_at(self, pose: NDArray[np.float64]) -> float:
         """Of the contour of a pose (4, 4) in all views, that of these points."""
         return self.contours.share(pose)
 
-    def nuisances_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k + 1,) of the mode near a pose (4, 4)."""
-        return self._known_at(pose).nuisances
-
-    def understated_near(self, pose: NDArray[np.float64]) -> float:
-        """Factor by which stated errors of the cameras are too small, at the mode near a pose."""
-        return self._known_at(pose).understated
+    def known_near(self, pose: NDArray[np.float64]) -> 'KnownMode':
+        """The mode next to a pose, else one with the nuisances at their nominal values."""
+        symmetry = self.model.symmetry
+        same = [each for each in self._known
+                if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
+        if not same:
+            return KnownMode(pose, self.contours.nominal, 1.0)
+        # Not the last one: a duplicate that was refined later is worse, or the same.
+        poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
+        apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)
+        return same[int(np.linalg.norm(apart, axis=1).argmin())]
 
     def error_share_near(self, pose: NDArray[np.float64]) -> float:
         """Factor of the model error's variance at the mode near a pose (4, 4)."""
-        return self._error_share(self._known_at(pose))
+        return self._error_share(self.known_near(pose))
 
     def disagreement_near(self, pose: NDArray[np.float64]) -> float:
         """Of the views at the mode near a pose (4, 4)."""
-        known = self._known_at(pose)
+        known = self.known_near(pose)
         if known.disagreement is None:
             return self.contours.disagreement(known.pose, known.nuisances)
         return known.disagreement
 
     def beyond_near(self, pose: NDArray[np.float64]) -> float:
         """Mean evidence beyond the contours of the mode near a pose (4, 4) [nat / px]."""
-        known = self._known_at(pose)
+        known = self.known_near(pose)
         return self.contours.beyond(known.pose, known.nuisances)
 
     def scale_near(self, pose: NDArray[np.float64]) -> CameraScale:
         """The scale error of the cameras' poses, by the mode near a pose (4, 4)."""
-        known, joint = self._known_at(pose), self.contours.joint
+        known, joint = self.known_near(pose), self.contours.joint
         errors = joint.errors.with_scale(joint.cameras, known.pose[:3, 3], _SCALE)
         freer = replace(self, contours=replace(self.contours, joint=replace(joint, errors=errors)))
         pose, nuisances, local = freer._refined_at(
@@ -132,7 +136,7 @@ class JointPosterior:
         Contours are displaced as at the mode nearby.
         """
         nuisances = self.contours.nominal
-        nuisances[-1] = self._known_at(pose).nuisances[-1]
+        nuisances[-1] = self.known_near(pose).nuisances[-1]
         return self.contours.fits(pose, nuisances)
 
     def evidence_at(self, pose: NDArray[np.float64]) -> float:
@@ -158,12 +162,12 @@ class JointPosterior:
         pose, nuisances, _, scale = self._refined(pose, False)
         disagreement = (None if self.numbers is None
                         else self.contours.disagreement(pose, nuisances))
-        known = self._with_errors(_Known(pose, nuisances, scale, disagreement))
+        known = self._with_errors(KnownMode(pose, nuisances, scale, disagreement))
         local = self._sure(pose, known)
         self._known.append(replace(known, local=local))
         return Mode(pose, local)
 
-    def _with_errors(self, known: '_Known') -> '_Known':
+    def _with_errors(self, known: 'KnownMode') -> 'KnownMode':
         """With camera errors as large as the views show them."""
         if self.contours.joint.errors.number == 0:
             return known
@@ -172,7 +176,7 @@ class JointPosterior:
         covariance = local.nuisances.covariance(local.information)[:-1, :-1]
         return replace(known, understated=understated(known.nuisances[:-1], covariance))
 
-    def _sure(self, pose: NDArray[np.float64], known: '_Known') -> LocalModel:
+    def _sure(self, pose: NDArray[np.float64], known: 'KnownMode') -> LocalModel:
         """With its uncertainty, for camera errors that are as large as the views show them."""
         contours, nuisances = self.contours, known.nuisances.copy()
         if known.understated > 1:
@@ -183,7 +187,7 @@ class JointPosterior:
         local = contours.local_model(pose, True, nuisances, known.scale)
         return replace(local, model_error=self._error_share(known) * local.model_error)
 
-    def _error_share(self, known: '_Known') -> float:
+    def _error_share(self, known: 'KnownMode') -> float:
         """Factor of the model error's variance: large where views disagree."""
         if self.numbers is None or known.disagreement is None:
             return 1.0
@@ -230,21 +234,9 @@ class JointPosterior:
                   for mode, each in zip(modes, gaussians, strict=True)]
         return mixture(modes, gaussians, masses, count, rng)
 
-    def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
-        """The mode next to a pose, else one with the nuisances at their nominal values."""
-        symmetry = self.model.symmetry
-        same = [each for each in self._known
-                if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
-        if not same:
-            return _Known(pose, self.contours.nominal, 1.0)
-        # Not the last one: a duplicate that was refined later is worse, or the same.
-        poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
-        apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)
-        return same[int(np.linalg.norm(apart, axis=1).argmin())]
-
 
 @dataclass(frozen=True)
-class _Known:
+class KnownMode:
     """A mode's pose (4, 4), and there: nuisances (k + 1,), scale, by how much the views disagree
     if that was asked for, the local model with its uncertainty if it was refined, and by what
     factor the stated errors of the cameras are too small."""

@@ -179,7 +179,7 @@ class MultiViewLocalizer(Closing):
             modes = np.stack([each.pose for each in sample.modes])
             shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
                      else ())
-            understated = posterior.understated_near(estimate.pose)
+            understated = posterior.known_near(estimate.pose).understated
             if request.with_scale and posterior.numbers is not None:
                 estimate = replace(estimate, camera_scale=posterior.scale_near(estimate.pose))
         evaluations += search.evaluations

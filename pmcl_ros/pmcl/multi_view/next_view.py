@@ -86,7 +86,7 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
         else:  # of poses that pictures corrected: those of the first are the candidate's, too
             errors = CameraErrors(np.concatenate([joint.errors.root, joint.errors.root[:1]]))
         known = _Known.from_posterior(mode.pose, posterior, errors.enlarged(
-            posterior.understated_near(mode.pose)))
+            posterior.known_near(mode.pose).understated))
     now = known.sigma()
     seen = [_contour(model, pinhole, joint.seen(camera), mode.pose,
                      None if settings.interface is None else settings.interface.seen_from(camera))
@@ -126,7 +126,7 @@ class _Known:
         """Of a pose at a mode of all views."""
         joint = posterior.contours.joint
         symmetry, error = joint.model.symmetry, joint.views[0].error
-        views = posterior.contours.contours(pose, posterior.nuisances_near(pose))
+        views = posterior.contours.contours(pose, posterior.known_near(pose).nuisances)
         # Curvature a pixel, relative to that of a contour of which nothing is known.
         local, weak = (LocalModel.from_views(pose, symmetry, each, None) for each in (
             views, [replace(each, curvature=1.0) for each in views]))
