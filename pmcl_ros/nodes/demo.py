@@ -149,7 +149,7 @@ def show(bag: Path, results: Results, simulate: bool) -> None:
 
         _await_nodes(Lifecycle(watcher, executor, alive), executor, deadline)
         if simulate:
-            _trigger(watcher, executor, alive)
+            _trigger(watcher, executor, alive, deadline)
         else:
             processes.append(_start(stack, 'pmcl_replay', str(bag), '--timeout', str(_PATIENCE)))
         while not watcher.complete:
@@ -170,12 +170,14 @@ def _await_nodes(lifecycle: Lifecycle, executor: SingleThreadedExecutor, deadlin
             executor.spin_once(timeout_sec=0.2)
 
 
-def _trigger(watcher: Watcher, executor: SingleThreadedExecutor, alive: Callable[[], None]
-             ) -> None:
+def _trigger(watcher: Watcher, executor: SingleThreadedExecutor, alive: Callable[[], None],
+             deadline: float) -> None:
     """Call the service of the driver, which is active."""
     while not watcher.shutter.service_is_ready():  # it may be found after the driver's others
         alive()
         executor.spin_once(timeout_sec=0.1)
+        if time.monotonic() > deadline:
+            raise DemoError(f'{watcher.shutter.srv_name} is not there after {_PATIENCE:.0f} s')
     _say('the camera is triggered')
     watcher.shutter.call_async(Trigger.Request()).add_done_callback(
         lambda answer: _say(f'lytro_driver: {answer.result().message}'))
@@ -216,8 +218,8 @@ def main() -> int:
     parser.add_argument('--force', action='store_true',
                         help='overwrite files that are there already')
     options = parser.parse_args()
-    own_domain()
     try:
+        own_domain()
         with Results(options.out, 'demo', options.force) as results:
             results.reserve(*_PICTURES)
             compile_ahead(_CONSOLE, CHAIN)  # on all cores, before four processes need the kernels

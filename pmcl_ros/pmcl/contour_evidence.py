@@ -136,7 +136,9 @@ class ContourEvidence:
             self.volume.blurred(float(np.hypot(blur, uncertain)), box), self.profile, step, camera)
 
     def posterior(self, exact: ContourScore, shown: Shown | None = None) -> ContourPosterior:
-        """The posterior by `score`. shown: of a contour's points those that count; default: all.
+        """The posterior by the evidence of poses at the resolution of the image (`score`).
+
+        shown: of a contour's points those that count; default: all.
         """
         symmetry = self.model.symmetry
 

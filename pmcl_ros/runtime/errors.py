@@ -27,9 +27,9 @@ def one_line(text: str) -> str:
 
 @contextmanager
 def told_as(kind: type[Exception], *others: type[PmclError], name: object = '') -> Iterator[None]:
-    """Errors of other kinds, default: of that kind, become such with the same text.
+    """Raises errors of the kinds `others`, by default of `kind`, again as `kind`.
 
-    name: what it begins with, as that of a file.
+    name: what their text then begins with, as that of a file.
     """
     caught = others or (kind,)
     try:

@@ -3,6 +3,7 @@
 import inspect
 import os
 import re
+import sysconfig
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path
@@ -29,14 +30,16 @@ sys.meta_path[:] = map(WithoutSome, sys.meta_path)
 
 
 def environment(folder, *files):
-    """Of programs that have only what requirement files name, and what that needs in turn.
+    """The environment of programs that have what requirement files name, and what that needs.
 
-    folder: where the module is written that hides all others.
+    folder: where the module is written that hides all else that is installed beside this Python.
     """
     lines = [line for each in files for line in (ROOT / each).read_text().splitlines()]
-    needed = set().union(*(_with_its_own(Requirement(each).name) for each in lines
+    needed = set().union(*(_with_its_own(each) for each in lines
                            if each and not each.startswith('#')))
-    modules = {each: _modules(each) for each in distributions()}
+    # Not what comes by PYTHONPATH, as a full ROS 2.
+    here = [sysconfig.get_path(each) for each in ('purelib', 'platlib')]
+    modules = {each: _modules(each) for each in distributions(path=here)}
     there = {'pmcl_ros'}.union(*(names for each, names in modules.items()
                                  if _normalized(each.name) in needed))
     folder.mkdir()
@@ -55,21 +58,22 @@ def _modules(package):
 
 
 @cache
-def _with_its_own(name):
-    """A package, and all that it needs here."""
-    found, queue = set(), [name]
+def _with_its_own(requirement):
+    """The names of a package and of all that it needs here."""
+    found, queue = set(), [Requirement(requirement)]
     while queue:
-        each = _normalized(queue.pop())
-        if each in found:
-            continue
-        try:
-            needs = map(Requirement, distribution(each).requires or [])
-        except PackageNotFoundError:  # of another platform, as its marker says
-            continue
-        found.add(each)
-        queue += [need.name for need in needs
-                  if need.marker is None or need.marker.evaluate({'extra': ''})]
-    return found
+        each = queue.pop()
+        for extra in {'', *each.extras}:
+            if (_normalized(each.name), extra) in found:
+                continue
+            found.add((_normalized(each.name), extra))
+            try:
+                needs = map(Requirement, distribution(each.name).requires or [])
+            except PackageNotFoundError:  # as those of ROS where a full ROS 2 is
+                continue
+            queue += [need for need in needs
+                      if need.marker is None or need.marker.evaluate({'extra': extra})]
+    return {name for name, _ in found}
 
 
 def _normalized(name):

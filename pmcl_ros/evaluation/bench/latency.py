@@ -131,10 +131,10 @@ def main() -> int:
     parser.add_argument('--edges', action='store_true', help='search by edges alone: then the '
                         'nodes compute no more than is computed without ROS')
     options = parser.parse_args()
-    own_domain()
     out = os.fdopen(os.dup(1), 'w', buffering=1)
     os.dup2(2, 1)  # Fast DDS complains there
     try:
+        own_domain()
         result = measure(options.bag, options.captures,
                          ['--processes'] if options.processes else [], options.quick,
                          options.edges)

@@ -33,6 +33,7 @@ class LockstepPlayer:
 
     A capture ends where one of its topics comes again; in which order they come is the bag's. What
     is of no capture, as an arm's poses, is played in its turn. patience: for an answer [s].
+    One node is to publish `objects`.
     BagError where the bag has no topic that separates captures.
     """
 
@@ -59,7 +60,7 @@ class LockstepPlayer:
     def wait_for_answerer(self, timeout: float) -> None:
         """Return once somebody publishes `objects`, and what was said there before has come.
 
-        Else BagError.
+        timeout: for somebody who does [s], else BagError. `discovery` is for what was said.
         """
         deadline = time.monotonic() + timeout
         while not self._answers.get_publisher_count():

@@ -88,7 +88,7 @@ class JointPosterior:
         return self.contours.share(pose)
 
     def known_near(self, pose: NDArray[np.float64]) -> 'KnownMode':
-        """The mode next to a pose, else one with the nuisances at their nominal values."""
+        """The mode next to a pose (4, 4), else one with the nuisances at their nominal values."""
         symmetry = self.model.symmetry
         same = [each for each in self._known
                 if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]

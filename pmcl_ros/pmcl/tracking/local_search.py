@@ -18,7 +18,10 @@ _MOVES = 1  # Metropolis moves of the sampler after each step in temperature
 
 def sample_near(posterior: ContourPosterior, prior: Gaussian, modes: list[Mode], count: int,
                 rng: np.random.Generator) -> Posterior:
-    """`count` particles of a prior times the evidence of one view, about modes near the prior."""
+    """`count` particles of a prior times the evidence of one view, about modes near the prior.
+
+    modes: at least one, best first.
+    """
     symmetry, scale = posterior.model.symmetry, modes[0].local.scale
 
     def log_prior(poses: NDArray[np.float64]) -> NDArray[np.float64]:

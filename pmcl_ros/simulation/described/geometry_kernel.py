@@ -13,5 +13,6 @@ def manifold() -> ModuleType:
         import manifold3d
     except ImportError:
         raise SimulationError("described objects need manifold3d: pip install "
-                              "'pmcl_ros[simulate]'") from None
+                              "'pmcl_ros[simulate]' (or [manipulate], for a simulated arm)"
+                              ) from None
     return manifold3d

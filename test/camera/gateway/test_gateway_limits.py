@@ -34,7 +34,9 @@ def folder(tmp_path_factory, camera_text):
 @pytest.fixture(scope='module')
 def gateway(folder):
     """Whose camera is asked, and takes no pictures."""
-    with gateway_of(folder, token=TOKEN) as server:
+    with gateway_of(folder, token=TOKEN) as server, pytest.MonkeyPatch.context() as patch:
+        # Nobody is served since others' requests have ended.
+        patch.setattr(server.connections, 'request_timeout', 10 * SOON)
         assert served(server)
         yield server
 
@@ -54,8 +56,7 @@ def ended(connection):
     return False
 
 
-def test_slow_requests_without_a_token_lock_nobody_out(gateway, monkeypatch):
-    monkeypatch.setattr(gateway.connections, 'request_timeout', 10 * SOON)  # no room by their end
+def test_slow_requests_without_a_token_lock_nobody_out(gateway):
     with ExitStack() as opened:
         slow = [opened.enter_context(socket.create_connection(gateway.server_address[:2]))
                 for _ in range(MAX_CONNECTIONS)]

@@ -70,7 +70,7 @@ def lifecycle(user):
 def test_a_second_request_that_is_refused_since_the_first_came_late_is_no_failure(slow, lifecycle):
     requests, _ = slow
     lifecycle.change('slow', CONFIGURE, PATIENCE)
-    assert len(requests) == 2
+    assert len(requests) >= 2  # it may ask again before an answer comes, on a busy machine
 
 
 def test_a_transition_that_was_not_made_fails(slow, lifecycle):
@@ -78,4 +78,4 @@ def test_a_transition_that_was_not_made_fails(slow, lifecycle):
     ends_in[:] = [State.PRIMARY_STATE_UNCONFIGURED]
     with pytest.raises(LifecycleError, match='slow could not configure; its log says why'):
         lifecycle.change('slow', CONFIGURE, PATIENCE)
-    assert len(requests) >= 2  # as it may ask again before an answer comes on a busy machine
+    assert len(requests) >= 2
