@@ -24,7 +24,7 @@ from pmcl_ros.cli.base import (
 from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.colour import shades_of_grey
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.decoders import uncalibrated_decoder

@@ -41,8 +41,8 @@ from pmcl_ros.evaluation.results import by_row, markdown
 from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.runtime.errors import CameraError, SettingsError
 from pmcl_ros.runtime.outputs import Results, write_file

@@ -20,7 +20,7 @@ from pmcl_ros.cli.base import (
     calibration_type,
     with_options,
 )
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews, PoseErrors

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from pmcl_ros.drawing import charts
-from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult
-from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, bok_parameters
+from pmcl_ros.lightfield.calibration.lytro.calibrate import CalibrationResult
+from pmcl_ros.lightfield.calibration.lytro.camera_model import PARAMETERS, bok_parameters
 
 _LENGTH = 6  # px: about how long residuals are drawn
 _COLUMNS = 4  # boards side by side

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.drawing.charts import picture
-from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.calibration.lattice_fit import LatticeFit
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import LatticeFit
 
 _CROP, _ZOOM = 46, 7  # raw px, and pixels drawn for each
 _RIM = 4  # px between crops

@@ -19,7 +19,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.geometry.student_t import median_length
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source

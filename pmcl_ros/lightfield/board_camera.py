@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import CameraAtBoard, camera_at_board
 from pmcl_ros.lightfield.calibration.printed_board import (
     Board,

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH, Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets, sum_lenslets
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid

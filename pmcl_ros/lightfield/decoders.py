@@ -9,7 +9,7 @@ import numpy as np
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.white_images import WhiteChoice, WhiteImages
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.white_image import is_white_image, unevenness
@@ -100,7 +100,7 @@ def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: 
     Raises LightFieldError when the image shows no lattice of lenslets.
     """
     # Here: they import large parts of scipy, which the decode by a calibration does not need.
-    from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
+    from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice, lattice_from_picture
     from pmcl_ros.lightfield.light_from_picture import light_from_picture
     fit = lattice_from_picture(frame) if white is None else fit_lattice(white)
     _LOG.info('lattice from the %s: %s', 'picture itself' if white is None else 'white image',

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.runtime.kernels import compiled, rounds
 
 DARKEST = 0.05  # of the light at a lenslet's centre: less holds more noise than picture

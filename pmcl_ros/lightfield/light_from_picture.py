@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.kernels import compiled
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
 from pmcl_ros.lightfield.light_field import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.runtime.kernels import compiled, rounds

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import DecodeSettings
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.header import Part, part_from

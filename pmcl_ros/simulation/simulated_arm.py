@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of, retract
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture
 
 _TILT, _SPIN = 40.0, 20.0  # degrees: largest turns of the board, about two axes and the third

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.packing import unpack12
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.warm_up.stage import Stage, Stages

@@ -9,9 +9,9 @@ from command_line import pmcl
 from lattice_frames import discs, frame_of, make_lattice, texture
 
 from pmcl_ros.drawing.lattice_picture import lattice_picture
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice
 
 ROOT = Path(__file__).parents[2]
 SIDE = 600

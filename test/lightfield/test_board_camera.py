@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of
 from pmcl_ros.lightfield.board_camera import BoardCamera
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.sweep.frame import Lens
 
 BOARD = Checkerboard(10, 7, 0.02)

@@ -10,7 +10,7 @@ from synthetic_camera import SIDE, SyntheticCamera, spot, waves, whole_text
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError

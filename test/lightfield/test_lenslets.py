@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets, sum_lenslets
 
 WIDTH, HEIGHT = 30, 32

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
 from pmcl_ros.lightfield.light_field import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views

@@ -25,7 +25,7 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.messages import bags

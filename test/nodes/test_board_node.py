@@ -25,8 +25,8 @@ from test_object_frame import tf_message  # noqa: F401 -- a fixture
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.header import header_to_message

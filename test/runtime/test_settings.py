@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
 from pmcl_ros.camera.sources import CameraSettings
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.decode import DecodeSettings
 from pmcl_ros.runtime.errors import OutputError, SettingsError
 from pmcl_ros.runtime.settings import Settings, read_yaml

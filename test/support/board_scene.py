@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 
 SIDE = 800  # raw px
 BLACK, WHITE = 168, 4095

@@ -28,7 +28,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.grasps.grasp import GraspFile
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.metric import Metric

@@ -19,7 +19,7 @@ from pmcl_ros.evidence.contour_net import ContourNet
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, transform
 from pmcl_ros.grasps.settings import GripperSettings
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file

@@ -33,7 +33,7 @@ from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 ROOT = Path(__file__).parents[2]
 # Files that users write or read: name of the format, where its fields are declared.
 FILES = {
-    'calibration YAML': 'pmcl_ros.lightfield.calibration.calibration:Calibration',
+    'calibration YAML': 'pmcl_ros.lightfield.calibration.lytro.calibration:Calibration',
     'object YAML': 'pmcl_ros.pmcl.object_model:ObjectSettings',
     'object YAML appearance': 'pmcl_ros.pmcl.appearance:Appearance',
     'object YAML appearance liquid': 'pmcl_ros.pmcl.appearance:Liquid',

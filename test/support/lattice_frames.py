@@ -7,7 +7,7 @@ import numpy as np
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 
 BLACK, WHITE = 168, 4095
 

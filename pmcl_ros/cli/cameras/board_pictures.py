@@ -12,8 +12,8 @@ from rich.progress import track
 
 from pmcl_ros.cli.base import STDERR, with_options
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.printed_board import Board, LyingBoard, as_it_lies
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction

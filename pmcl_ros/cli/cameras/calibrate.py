@@ -15,9 +15,9 @@ from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FORCE, STDERR, TRUTH, WHITE, Needed
 from pmcl_ros.drawing.calibration_report import numbers, picture, summary, tables
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
+from pmcl_ros.lightfield.calibration.lytro.calibrate import CalibrationResult, calibrate_folder
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.outputs import refuse_existing, write_file
 from pmcl_ros.runtime.resources import cameras_folder

@@ -10,8 +10,8 @@ from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.cli.base import FOLDER, FORCE, RAW, STDERR, results_in
 from pmcl_ros.drawing.lattice_picture import lattice_picture
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.lightfield.calibration.lattice import predicted_lattice
-from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
+from pmcl_ros.lightfield.calibration.lytro.lattice import predicted_lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice, lattice_from_picture
 from pmcl_ros.lightfield.white_image import is_white_image, unevenness
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.warm_up.raw import UNPACK

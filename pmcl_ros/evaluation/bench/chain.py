@@ -15,7 +15,7 @@ from pmcl_ros.evaluation.bench.checkout import BAG, CALIBRATION, WHITE, object_i
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.bag_captures import extract_captures

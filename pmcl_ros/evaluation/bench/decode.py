@@ -12,8 +12,8 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.bench.timing import Bench, best_ms
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH, Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
 from pmcl_ros.lightfield.light_field import ViewGrid

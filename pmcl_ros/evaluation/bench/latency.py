@@ -20,7 +20,7 @@ from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.evaluation.bench.checkout import BAG, CALIBRATION, QUICK, WHITE, object_in
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.bench.running_graph import Graph, GraphError

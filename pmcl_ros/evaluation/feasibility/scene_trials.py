@@ -13,7 +13,7 @@ from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
 from pmcl_ros.evaluation.trials import Trial, evidence_beside_truth
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source, read_source

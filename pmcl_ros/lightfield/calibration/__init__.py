@@ -1,1 +1,1 @@
-"""The geometry of a light-field camera, from white images and checkerboards."""
+"""Calibration of cameras and of their poses, from pictures of boards."""

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.bent_board import USUAL_ASIDE, BentBoard, bent
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.intrinsics import LARGEST_ERROR, lens_error
 from pmcl_ros.lightfield.readers.pictures import Reduction
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.se3 import pose_of
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.runtime.outputs import Results, write_file
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.camera.raw_frame import TILE, UPPER_LEFT
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH, Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.kernels import compiled, rounds

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera, ViewsFile
 from pmcl_ros.lightfield.readers.read import read_source
 

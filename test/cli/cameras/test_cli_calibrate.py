@@ -10,7 +10,7 @@ from board_scene import CAMERA, POSES, frame_of, plain
 from command_line import pmcl
 
 from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 
 BOARD = ('--corners', '6x5', '--square', '0.012')

@@ -12,7 +12,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError

@@ -7,8 +7,8 @@ from rolled_sheets import rolled
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.lightfield.calibration.bend import Sheet
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 
 BOARDS = [Checkerboard(10, 7, 0.011), Checkerboard(3, 4, 0.05)]
 if hasattr(getattr(cv2, 'aruco', None), 'CharucoDetector'):  # from OpenCV 4.7 on

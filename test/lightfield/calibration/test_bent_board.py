@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.lightfield.calibration.bent_board import bent
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.charuco_ring import CharucoRing
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.fixed_cameras import camera_at_board
 from pmcl_ros.lightfield.calibration.intrinsics import fit_intrinsics
 from pmcl_ros.lightfield.calibration.printed_board import as_it_lies

@@ -19,7 +19,7 @@ from pmcl_ros.cli import main
 from pmcl_ros.cli.cameras.hand_eye import calibrated, camera_errors
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract, transform
 from pmcl_ros.lightfield.calibration.arm_motions import park_martin
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, hand_eye
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.messages.bag_views import BagViews

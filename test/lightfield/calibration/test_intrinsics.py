@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
 from pmcl_ros.lightfield.calibration.intrinsics import FEWEST, fit_intrinsics, lens_error
 from pmcl_ros.runtime.errors import LightFieldError
 

@@ -11,10 +11,10 @@ from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views
 from pmcl_ros.geometry.se3 import pose_of
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.calibrate import Calibrator
-from pmcl_ros.lightfield.calibration.camera_model import predict
-from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
+from pmcl_ros.lightfield.calibration.lytro.calibrate import Calibrator
+from pmcl_ros.lightfield.calibration.lytro.camera_model import predict
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.simulation.lytro.calibration_pictures import (
     COUNT,

@@ -1,18 +1,14 @@
-"""Bundle adjustment: camera, poses and the board's bend from all corners, and uncertainty."""
+"""Bundle adjustment: camera, poses and the board's bend from the corners of all pictures."""
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.sheet_pose import tilts
-from pmcl_ros.lightfield.calibration.bend import Sheet, bend_cost, bend_information
-from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model, predict
-from pmcl_ros.lightfield.calibration.corners import Corners
+from pmcl_ros.lightfield.calibration.bend import bend_cost, bend_information
+from pmcl_ros.lightfield.calibration.lytro.camera_model import PARAMETERS, Model, predict
+from pmcl_ros.lightfield.calibration.lytro.observations import Observations
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
@@ -24,54 +20,6 @@ _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
 _PLACE = 0.1  # the same, of a corner's place on the board
 _MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
-_BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: typical of an F01, used where corners give no estimate
-_OPEN = 1e-6  # least eigenvalue of correlations: less is rounding; that of good boards is 0.005
-_DISTINCT = 3  # least number of different boards in a resample
-
-
-@dataclass(frozen=True)
-class Observations:
-    """n pictures of a board with m corners.
-
-    points: (m, 3) on the board, metres, z = 0: while it is flat.
-    values: (n, m, 4) position and disparity of every corner, as in `Corners`.
-    whitening: (n, m, 4, 4) W with W^T W = the inverse of the covariance; 0: not measured.
-    """
-
-    points: NDArray[np.float64]
-    values: NDArray[np.float64]
-    whitening: NDArray[np.float64]
-
-    @classmethod
-    def from_corners(cls, boards: Sequence[Corners], square: float) -> 'Observations':
-        """square: side of the board's squares [m]."""
-        rows, columns = boards[0].valid.shape
-        y, x = np.mgrid[:rows, :columns] * square
-        points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
-        values, whitening = [], []
-        for board in boards:
-            values.append(np.concatenate([board.positions, board.disparities], axis=-1)
-                          .reshape(-1, 4))
-            valid = board.valid.reshape(-1)
-            covariances = np.where(valid[:, None, None], board.covariances.reshape(-1, 4, 4),
-                                   np.eye(4))
-            roots = np.linalg.inv(np.linalg.cholesky(covariances))
-            whitening.append(roots * valid[:, None, None])
-        return cls(points, np.stack(values), np.stack(whitening))
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """(n, m) which corners were measured."""
-        return np.asarray(self.whitening.any(axis=(-1, -2)))
-
-    @cached_property
-    def sheet(self) -> Sheet:
-        """The board's, which is the same in all pictures."""
-        return Sheet(self.points)
-
-    def excluding(self, dropped: NDArray[np.bool_]) -> 'Observations':
-        """Without some corners (n, m)."""
-        return replace(self, whitening=self.whitening * ~dropped[..., None, None])
 
 
 @dataclass(frozen=True)
@@ -268,128 +216,3 @@ def _cost(residuals: NDArray[np.float64], bend: NDArray[np.float64], noise: floa
     size, limit = np.abs(residuals), _OUTLYING * np.sqrt(noise)
     return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum()
                  + 2 * noise * bend_cost(bend))
-
-
-def initial_guess(observations: Observations, width: int,
-                  height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The camera (8,) and the poses (n, 6), nearly right; width, height: of a view.
-
-    A distant plane looks nearly the same when it is tilted to the other side: the disparities
-    decide. Raises LightFieldError when the positions of the corners are those of no
-    planes.
-    """
-    seen = [(observations.points[valid].astype(np.float32),
-             values[valid, :2].astype(np.float32))
-            for valid, values in zip(observations.valid, observations.values, strict=True)]
-    fixed = (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_PRINCIPAL_POINT
-             | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2
-             | cv2.CALIB_FIX_K3)
-    try:
-        _, matrix, _, turns, origins = cv2.calibrateCamera(
-            [points for points, _ in seen], [pixels for _, pixels in seen], (width, height),
-            np.eye(3), np.zeros(5), flags=fixed)
-        either = [[np.concatenate(each) for each
-                   in tilts(points, pixels, np.asarray(matrix, float), np.zeros(5))]
-                  for points, pixels in seen]
-    except cv2.error as error:
-        raise LightFieldError(
-            f'the corners of the boards are those of no plane ({error.err}); are --corners and '
-            '--square those of the board?') from None
-    camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], _BASELINE, _FOCUS,
-                       0, 0])
-    poses = np.array([np.concatenate([turn.ravel(), origin.ravel()])
-                      for turn, origin in zip(turns, origins, strict=True)])
-    camera = _with_baseline(observations, camera, poses)
-    for board, candidates in enumerate(either):
-        found = np.array([*candidates, poses[board]])
-        off = predict(observations.points, camera, found) - observations.values[board]
-        off = off[:, observations.valid[board], 2:]
-        # The slope over the board depends on the tilt, the middle on the distance.
-        off = np.abs(off - np.median(off, axis=1, keepdims=True))
-        poses[board] = found[np.median(off, axis=(1, 2)).argmin()]
-    return _with_baseline(observations, camera, poses), poses
-
-
-def _with_baseline(observations: Observations, camera: NDArray[np.float64],
-                   poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The camera with the baseline and the focus that explain the disparities of boards at poses.
-
-    The disparity fx baseline (focus - 1 / z) is a line over 1 / z.
-    """
-    camera = camera.copy()
-    apart = np.array([0.0, 0, 0, 0, 1, 0, 0, 0]) + camera * [1, 1, 1, 1, 0, 0, 0, 0]
-    inverse = -predict(observations.points, apart, poses)[..., 2:][observations.valid]
-    measured = observations.values[..., 2:][observations.valid]
-    focal = camera[0]
-    line = np.stack([np.full(inverse.size, focal), -inverse.ravel()], axis=1)
-    (offset, baseline), *_ = np.linalg.lstsq(line, measured.ravel(), rcond=None)
-    if baseline > 0 and offset > 0:
-        camera[4:6] = baseline, offset / baseline
-    return camera
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Standard deviations of the camera's parameters (8,), 0: held fixed, as `PARAMETERS`.
-
-    expected: from the covariance of the corners, scaled by the noise.
-    of_corners, of_boards: of the bootstrap over the corners of each board, and over the boards,
-        which includes errors common to the corners of one board; NaN: too few boards.
-    camera: the larger of the two. poses: (n, 6) of the boards' poses [rad, m].
-    """
-
-    expected: NDArray[np.float64]
-    of_corners: NDArray[np.float64]
-    of_boards: NDArray[np.float64]
-    camera: NDArray[np.float64]
-    poses: NDArray[np.float64]
-
-
-def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Uncertainty:
-    """The uncertainty of a fit.
-
-    Each resample takes one Gauss-Newton step from the fit; the poses follow camera and bend and
-    are eliminated, so that a resample costs a sum of small matrices. Raises numpy's LinAlgError
-    when the corners leave a parameter open.
-    """
-    linear = linearize(fit.observations, fit.model, fit.camera, fit.poses, fit.bend, fit.noise)
-    information, gradient = linear.information(), linear.gradient()
-    boards, corners = gradient.shape[:2]
-    total, free = information.sum(axis=(0, 1)) + np.diag(linear.prior), fit.model.free
-    with_bend = total[:free, free:] @ np.linalg.solve(total[free:, free:], total[free:, :free])
-    camera = total[:free, :free] - with_bend
-    unit = 1 / np.sqrt(np.diag(camera))
-    if not np.linalg.eigvalsh(camera * np.outer(unit, unit))[0] > _OPEN:
-        raise np.linalg.LinAlgError
-    covariance = fit.noise * np.linalg.inv(total)
-
-    def spread(counts: NDArray[np.integer]) -> NDArray[np.float64]:
-        """(free + k,) of the steps of resamples; counts (resamples, n, m) of every corner.
-
-        The prior is one more measurement, which is drawn from its own errors.
-        """
-        matrices = np.tensordot(counts, information, 2) + np.diag(linear.prior)
-        by_prior = linear.pull + np.sqrt(fit.noise * linear.prior) * rng.standard_normal(
-            (len(counts), len(total)))
-        slopes = np.tensordot(counts, gradient, 2) + by_prior
-        steps = np.linalg.solve(matrices, slopes[..., None])[..., 0]
-        low, high = np.percentile(steps, [15.87, 84.13], axis=0)
-        return np.asarray((high - low) / 2)
-
-    of_corners = spread(rng.multinomial(corners, np.full(corners, 1 / corners),
-                                        (resamples, boards)))
-    drawn = rng.multinomial(boards, np.full(boards, 1 / boards), resamples)
-    drawn = drawn[(drawn > 0).sum(axis=1) >= _DISTINCT]
-    of_boards = np.full(len(of_corners), np.nan)
-    if boards > _DISTINCT:
-        of_boards = spread(np.repeat(drawn[..., None], corners, axis=2))
-    larger = np.fmax(of_corners, of_boards)
-    scale = larger / np.sqrt(np.diag(covariance))
-    moved = linear.follow @ (covariance * np.outer(scale, scale)) @ linear.follow.swapaxes(1, 2)
-    poses = np.sqrt(np.diagonal(moved + fit.noise * linear.freedom, axis1=1, axis2=2))
-
-    def of_camera(free: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.where(fit.model.basis.any(axis=1), free[fit.model.basis.argmax(axis=1)], 0)
-
-    return Uncertainty(of_camera(np.sqrt(np.diag(covariance))), of_camera(of_corners),
-                       of_camera(of_boards), of_camera(larger), poses)

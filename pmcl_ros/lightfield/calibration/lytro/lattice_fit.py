@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.calibration.lattice_waves import (
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_waves import (
     Tiles,
     beat,
     find_lattice,

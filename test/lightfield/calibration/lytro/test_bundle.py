@@ -10,15 +10,11 @@ from hypothesis import strategies as st
 from rolled_sheets import rolled
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.lightfield.calibration.bundle import (
-    Observations,
-    bundle_adjust,
-    initial_guess,
-    linearize,
-    select_model,
-    uncertainty,
-)
-from pmcl_ros.lightfield.calibration.camera_model import Model, bok_parameters, predict
+from pmcl_ros.lightfield.calibration.lytro.bundle import bundle_adjust, linearize, select_model
+from pmcl_ros.lightfield.calibration.lytro.camera_model import Model, bok_parameters, predict
+from pmcl_ros.lightfield.calibration.lytro.initial_guess import initial_guess
+from pmcl_ros.lightfield.calibration.lytro.observations import Observations
+from pmcl_ros.lightfield.calibration.lytro.uncertainty import uncertainty
 from pmcl_ros.runtime.errors import LightFieldError
 
 #                 fx, fy, cx, cy, baseline, 1 / focus distance, k1, k2

@@ -12,12 +12,12 @@ from board_scene import CAMERA, POSES, BoardScene, frame_of, plain, pose
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.calibrate import Calibrator, calibrate_folder
-from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
+from pmcl_ros.lightfield.calibration.lytro.calibrate import Calibrator, calibrate_folder
+from pmcl_ros.lightfield.calibration.lytro.camera_model import PARAMETERS, Model
 from pmcl_ros.runtime.errors import CalibrationError, CameraError, LightFieldError
 
-CAPTURES = Path(__file__).parents[4] / 'shared' / 'captures'
+CAPTURES = Path(__file__).parents[5] / 'shared' / 'captures'
 
 
 def calibrator(scene):

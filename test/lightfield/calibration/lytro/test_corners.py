@@ -7,7 +7,7 @@ import pytest
 from board_scene import POSES, SIDE, frame_of
 from board_scene import plain as scene
 
-from pmcl_ros.lightfield.calibration.corners import CornerMeter
+from pmcl_ros.lightfield.calibration.lytro.corners import CornerMeter
 from pmcl_ros.lightfield.white_image import relative_light
 
 POSE = POSES[1]

@@ -11,12 +11,12 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.mosaic_image import read_mosaic_image
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.calibration.lattice_fit import lattice_from_picture
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import lattice_from_picture
 from pmcl_ros.messages.bags import read
 from pmcl_ros.runtime.errors import LightFieldError
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 REAL = ROOT / 'test/data/real_mosaics'
 SIDE = 700
 

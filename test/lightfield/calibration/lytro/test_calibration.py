@@ -5,11 +5,11 @@ import pytest
 import yaml
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.runtime.errors import SettingsError
 
-SHIPPED = Path(__file__).parents[3] / 'config' / 'cameras' / 'demo.yaml'
+SHIPPED = Path(__file__).parents[4] / 'config' / 'cameras' / 'demo.yaml'
 CAMERA = {'width': 30, 'height': 20, 'fx': 100 / 3, 'fy': 34.5, 'cx': 14.5, 'cy': 9.25,
           'focus_distance': 0.55, 'baseline_step': 1e-3, 'more': 'is left out'}
 LATTICE = {'pitch_px': 9.95, 'row_step_px': 8.6, 'rotation': 2.1e-3, 'centre_px': [150.1, 99.9],

@@ -8,12 +8,12 @@ from lattice_frames import discs, frame_of, make_lattice, marked, mosaic
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.calibration.lattice import Lattice, predicted_lattice
-from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice, predicted_lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice
 from pmcl_ros.runtime.errors import LightFieldError
 
-CAMERA = Path(__file__).parents[3] / 'config/cameras'
+CAMERA = Path(__file__).parents[4] / 'config/cameras'
 SIDE = 600
 
 

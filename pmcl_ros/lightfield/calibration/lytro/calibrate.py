@@ -14,20 +14,17 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.se3 import pose_of
-from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.bundle import (
-    Fit,
-    Observations,
-    Uncertainty,
-    initial_guess,
-    select_model,
-    uncertainty,
-)
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
-from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model
-from pmcl_ros.lightfield.calibration.corners import CornerMeter, Corners
-from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
+from pmcl_ros.lightfield.calibration.checkerboard import Checkerboard
+from pmcl_ros.lightfield.calibration.lytro.board_search import find_board, oriented
+from pmcl_ros.lightfield.calibration.lytro.bundle import Fit, select_model
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH, Calibration
+from pmcl_ros.lightfield.calibration.lytro.camera_model import PARAMETERS, Model
+from pmcl_ros.lightfield.calibration.lytro.corners import CornerMeter, Corners
+from pmcl_ros.lightfield.calibration.lytro.initial_guess import initial_guess
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice_fit import fit_lattice
+from pmcl_ros.lightfield.calibration.lytro.observations import Observations
+from pmcl_ros.lightfield.calibration.lytro.uncertainty import Uncertainty, uncertainty
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.white_image import is_white_image
 from pmcl_ros.runtime.errors import CalibrationError, CameraError, LightFieldError
@@ -126,8 +123,8 @@ class Calibrator:
         if is_white_image(frame):
             raise LightFieldError('a white image')
         light_field = self._decoder.decode(frame)
-        corners = self._meter.measure(frame, *self._board.find(light_field))
-        return BoardView(name, self._board.oriented(corners), light_field.picture(),
+        corners = self._meter.measure(frame, *find_board(self._board, light_field))
+        return BoardView(name, oriented(self._board, corners), light_field.picture(),
                          (frame.metadata.zoom, frame.metadata.focus))
 
     def calibrate(self, boards: Sequence[BoardView],

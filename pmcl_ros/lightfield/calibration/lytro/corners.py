@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.lightfield.white_image import devignette
 
 # Least share of the light at a lenslet's centre. Darker pixels are cut by the rim of the pupil and

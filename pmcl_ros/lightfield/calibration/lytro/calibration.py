@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lytro.lattice import Lattice
 from pmcl_ros.runtime.errors import FileError, SettingsError, told_as
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_json

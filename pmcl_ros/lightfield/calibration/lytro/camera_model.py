@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH
+from pmcl_ros.lightfield.calibration.lytro.calibration import RAW_PITCH
 
 # Parameters of the camera, in this order; a board's pose follows: rotation vector, origin.
 PARAMETERS = ('fx', 'fy', 'cx', 'cy', 'baseline', 'focus', 'k1', 'k2')

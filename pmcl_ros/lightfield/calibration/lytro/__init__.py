@@ -1,0 +1,1 @@
+"""Calibration of a first-generation Lytro, from white images and checkerboards."""
