@@ -230,6 +230,8 @@ class _MessagesUnpacked:
 
 def _opened(bag: Path) -> Iterator[McapReader | SqliteReader | _MessagesUnpacked]:
     """The files of a bag one after the other, open. bag: its folder, or a file of it alone."""
+    if not bag.exists():
+        raise BagError('it is not there; check the path')
     if bag.is_dir() and not (bag / 'metadata.yaml').exists():
         raise BagError('there is no metadata.yaml in it' + (
             ': its recording was killed; `mcap recover` saves the messages of the .mcap'

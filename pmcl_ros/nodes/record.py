@@ -91,10 +91,11 @@ def record(options: argparse.Namespace) -> None:
     chosen = [each for each in _RECORDABLE if each.name in names]
     end = time.monotonic() + options.duration
     node, executor = Node('pmcl_record'), SingleThreadedExecutor()
+    topics = ', '.join(map(node.resolve_topic_name, names))  # where remaps put them
     executor.add_node(node)
     with BagWriter(options.output) as writer:
         recorder = Recorder(node, chosen, writer)
-        node.get_logger().info(f'listening to {", ".join(names)}')
+        node.get_logger().info(f'listening to {topics}')
         try:
             while time.monotonic() < end:
                 pause(0)
@@ -108,8 +109,8 @@ def record(options: argparse.Namespace) -> None:
             executor.shutdown()
             node.destroy_node()
         if not recorder.messages:
-            raise BagError(f'nothing came on {", ".join(names)}: are the nodes active, and in '
-                           'this namespace (-r __ns:=...)?')
+            raise BagError(f'nothing came on {topics}: are the nodes active, in this namespace '
+                           '(-r __ns:=...) and ROS_DOMAIN_ID, are topics to be remapped?')
     node.get_logger().info(f'{recorder.summary()} into {options.output}')
 
 

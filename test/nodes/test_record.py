@@ -184,7 +184,9 @@ def test_transforms_without_their_package_are_refused_in_one_line(tmp_path):
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
     (['-o', 'NEW', '--preset', 'raw', '--duration', 0.3], 1,
-     'nothing came on metadata, image_raw: are the nodes active'),
+     'nothing came on /metadata, /image_raw: are the nodes active'),
+    (['-o', 'NEW', '--topic', 'image', '--duration', 0.3, '--ros-args', '-r', '__ns:=/left', '-r',
+      'image:=/wrist/image_raw'], 1, 'nothing came on /wrist/image_raw: are the nodes active'),
     (['-o', 'OLD', '--preset', 'raw'], 1, 'is already there; remove it'),
     (['-o', 'NEW'], 2, 'one of the arguments --preset --topic is required'),
     (['-o', 'NEW', '--preset', 'raw', '--duration', 'nan'], 2, '--duration must be positive'),

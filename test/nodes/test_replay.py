@@ -217,6 +217,7 @@ def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, sm
     (['BAG', '--rate', 0], 2, '--rate must be positive'),
     (['BAG', '--rate', 'nan'], 2, '--rate must be positive, not nan'),
     ([ROOT, '--rate', 1], 1, 'cannot read the bag'),
+    (['nowhere'], 1, 'cannot read the bag nowhere: it is not there; check the path'),
 ])
 def test_what_cannot_be_played_is_told(tmp_path, bag, arguments, status, reason):
     player = Process(tmp_path, REPLAY, *(bag if each == 'BAG' else each for each in arguments))
