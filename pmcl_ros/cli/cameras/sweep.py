@@ -57,6 +57,10 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
     width = width_for(distance, fx, resolution, matching)
     rows, columns = views
     step = width / (max(rows, columns) - 1)
+    if not 1e-5 <= step <= 10:  # the baselines that sweep_driver takes
+        raise click.UsageError(
+            f'neighbouring views would be {step:.3g} m apart, not 0.00001 to 10 m: are --distance '
+            'and --resolution in metres?')
     middle = None if pose is None else quaternion_pose(pose[:3], pose[3:], '--pose')
     made = SweepPlan.from_grid(rows, columns, round(step, 6), middle, frame if pose else '')
     width = made.baseline * (max(rows, columns) - 1)
