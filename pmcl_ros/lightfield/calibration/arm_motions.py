@@ -70,8 +70,9 @@ def mismatch(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> str:
     scale = sizes[0] / sizes[1]
     if _SCALES[0] < scale < _SCALES[1]:
         return ''
-    return (f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
-            'positions of mount_to_base in metres, and is --square the side of a square?')
+    size = f'{float(f"{scale:.3g}"):g}'  # 1000, not 1e+03
+    return (f"by the arm's motions the board is {size} times as large as told: are the positions "
+            'of mount_to_base in metres, and is --square the side of a square?')
 
 
 def _along(moved: NDArray[np.float64], turned: NDArray[np.float64],

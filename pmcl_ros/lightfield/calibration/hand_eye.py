@@ -172,7 +172,9 @@ def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
     without = f', {", ".join(left_out)} being left out' if left_out else ''
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures with a board{without}; a hand-eye '
-                              f'calibration needs {FEWEST}, better 20')
+                              f'calibration needs {FEWEST}, better 20'
+                              + ('' if pictures else '; are the numbers of --corners (inner '
+                                 'corners) or --ring those of the board?'))
     turns = np.array([each.mount_to_base[:3, :3] for each in pictures])
     vectors = (Rotation.from_matrix(turns) * Rotation.from_matrix(turns).mean().inv()).as_rotvec()
     spread = np.linalg.svd(vectors, compute_uv=False) / np.sqrt(len(vectors))

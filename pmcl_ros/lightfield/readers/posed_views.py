@@ -147,7 +147,7 @@ class ViewsFile(Settings):
             if (len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set
                     and each.mount_to_base is None and (self.posed or not of_arm)):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
-                                 'needs one')
+                                 'needs one, or mount_to_base for pmcl handeye')
         files = [os.path.normpath(each.file) for each in self.views]
         repeated = sorted(each for each, times in Counter(files).items() if times > 1)
         if repeated:

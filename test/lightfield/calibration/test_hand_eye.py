@@ -216,6 +216,8 @@ def test_too_few_pictures_and_parallel_axes_are_refused():
     arm = simulated_arm(np.random.default_rng(7))
     with pytest.raises(LightFieldError, match=r'5 pictures with a board; .* needs 6, better 20'):
         hand_eye(arm.pictures[:5], arm.board, arm.pinhole)
+    with pytest.raises(LightFieldError, match=r'^0 pictures .* 20; are the numbers of --corners'):
+        hand_eye([], arm.board, arm.pinhole)
     parallel = [replace(each, mount_to_base=transform([0, 0, 0.1 * k], [0, 0, 0.2 * k]))
                 for k, each in enumerate(arm.pictures)]
     with pytest.raises(LightFieldError, match='the axes are parallel; turn it by 30 degrees'):
@@ -240,7 +242,9 @@ def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
             [1, 1, 1, factor] * 3 + [1] * 4, (4, 4))) for each in arm.pictures]
         with pytest.raises(LightFieldError, match='times as large as told') as refused:
             hand_eye(scaled, arm.board, arm.pinhole, None, fixed)
-        assert float(str(refused.value).split()[7]) == pytest.approx(factor, rel=0.05)
+        size = str(refused.value).split()[7]
+        assert float(size) == pytest.approx(factor, rel=0.05)
+        assert 'e' not in size
 
 
 @pytest.mark.parametrize('seed', range(6))

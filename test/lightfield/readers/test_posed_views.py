@@ -270,7 +270,8 @@ def camera(**values):
      r'^[^;]*camera_to_reference.15: Input should be a finite number \(got nan\)$'),
     (view(mount_to_base=[1.0] * 17), 'mount_to_base: a pose has 16 numbers.*not 17'),
     (view(sigma_mm=-1.0), 'sigma_mm: .*greater'),
-    ({'views': view()['views'] * 2}, 'has no camera_to_reference; of several'),
+    ({'views': view()['views'] * 2}, 'has no camera_to_reference; of several views '
+     'each needs one, or mount_to_base for pmcl handeye'),
     ({'views': view(camera_to_reference=np.eye(4).ravel().tolist())['views'] * 2},
      'one.png is there more than once'),
     ({'views': [view(file=name, camera_to_reference=np.eye(4).ravel().tolist())['views'][0]
