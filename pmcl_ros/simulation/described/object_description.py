@@ -60,12 +60,13 @@ class _Description:
     @classmethod
     def load(cls, path: Path) -> '_Description':
         model = ObjectModel.load(path)
-        settings = (ObjectSettings.make(read_yaml(path), str(path))
-                    if path.suffix.lower() in ('.yaml', '.yml') else None)
+        described = path.suffix.lower() in ('.yaml', '.yml')
+        settings = ObjectSettings.make(read_yaml(path), str(path)) if described else None
         appearance = settings.appearance if settings else None
         if appearance is None:
+            where = 'in it' if described else f'a YAML file with mesh: {path.name} and'
             raise ObjectModelError(
-                f'{path} does not say what the object is made of: write in its YAML file '
+                f'{path} does not say what the object is made of: write {where} '
                 f'appearance: {{material: glass, wall: 0.0025, '
                 f'{_mouth(model.vertices[:, 2].max())}}}')
         return cls(path, appearance, model, _upright(model.up))

@@ -341,8 +341,10 @@ def test_the_localizer_ignores_the_appearance(describe, tmp_path):
     np.testing.assert_array_equal(model.vertices, thing.vertices)
     bare = tmp_path / 'bare.yaml'
     bare.write_text('mesh: thing.stl\nscale: 0.001\n')
-    with pytest.raises(ObjectModelError, match='write in its YAML file'):
+    with pytest.raises(ObjectModelError, match=r'made of: write in it appearance: \{material'):
         load_object(bare)
+    with pytest.raises(ObjectModelError, match=r'write a YAML file with mesh: thing\.stl and app'):
+        load_object(tmp_path / 'thing.stl')
 
 
 def test_shipped_objects_are_described():
