@@ -1,6 +1,7 @@
 """The object that is looked for: its mesh, and which motions leave it as it is."""
 
 import logging
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -212,7 +213,11 @@ def _mesh_path(path: Path, settings: ObjectSettings) -> Path:
     if '://' in settings.mesh:
         raise ObjectModelError(f'{path}: mesh: {settings.mesh} is not looked up; write the path '
                                'of the mesh, relative to this file')
-    return path.parent / settings.mesh
+    mesh = path.parent / settings.mesh
+    if path.suffix.lower() in _DESCRIBED and not os.path.isfile(mesh):
+        raise ObjectModelError(f'{path}: mesh: no mesh file {mesh}; write its path, relative to '
+                               'this file')
+    return mesh
 
 
 def _scale_of(mesh: trimesh.Trimesh, settings: ObjectSettings, path: Path) -> float:

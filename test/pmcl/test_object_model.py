@@ -217,8 +217,10 @@ def test_missing_files_are_named(tmp_path):
     with pytest.raises(SettingsError, match=r'cannot read .*nothing\.yaml'):
         ObjectModel.load(tmp_path / 'nothing.yaml')
     (tmp_path / 'thing.yaml').write_text('mesh: nothing.ply')
-    with pytest.raises(ObjectModelError, match=r'no mesh file .*nothing\.ply'):
-        ObjectModel.load(tmp_path / 'thing.yaml')
+    for of_file in ObjectModel.load, mesh_file:
+        with pytest.raises(ObjectModelError, match=r'^\S*thing\.yaml: mesh: no mesh file '
+                           r'\S*nothing\.ply; write its path, relative to this file$'):
+            of_file(tmp_path / 'thing.yaml')
 
 
 @pytest.mark.parametrize(('name', 'content', 'message'), [
