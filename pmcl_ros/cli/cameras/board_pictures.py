@@ -40,8 +40,9 @@ def board_of(corners: str | None, ring: str | None, square: float) -> Board:
         return Checkerboard.parse(corners, square)
     if ring is not None and corners is None:
         return CharucoRing.parse(ring, square)
-    raise click.UsageError('say what the board is: --corners, as 10x7, for a checkerboard, or '
-                           '--ring, as 8x11, for a ring of markers')
+    asked = 'say what the board is' if corners is None else 'a board is one of the two'
+    raise click.UsageError(f'{asked}: --corners, as 10x7, for a checkerboard, or --ring, as 8x11, '
+                           'for a ring of markers')
 
 
 class RestingCameras(posed_views.ViewsFile):

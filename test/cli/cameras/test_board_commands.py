@@ -178,6 +178,17 @@ def test_an_object_is_found_in_a_ring(placed, camera, tmp_path):
     assert found['position'] == pytest.approx(expected[:3, 3], abs=0.004)
 
 
+@pytest.mark.parametrize(('options', 'asked'), [
+    ((), 'say what the board is'),
+    (('--corners', '10x7', '--ring', '8x11'), 'a board is one of the two'),
+])
+def test_a_board_is_a_checkerboard_or_a_ring(tmp_path, options, asked):
+    done = pmcl('board', *options, '--square', 0.02, '-o', tmp_path / 'board.svg', status=2)
+    assert done.output.endswith(f'Error: {asked}: --corners, as 10x7, for a checkerboard, or '
+                                '--ring, as 8x11, for a ring of markers\n')
+    assert not list(tmp_path.iterdir())
+
+
 def test_another_zoom_is_told(placed, camera, tmp_path):
     _, pictures, _ = placed
     for each in pictures.glob('*.png'):
