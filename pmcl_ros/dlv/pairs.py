@@ -32,7 +32,8 @@ class StereoPairs:
         """
         if grid.weights[grid.centre] <= 0:
             raise VolumeError('the centre view has weight 0, as if outside the pupil: there is '
-                              'nothing to match the others with; check the pupil weights')
+                              'nothing to match the others with; check the pupil weights, and '
+                              'that its picture is not black')
         lit = inner_views(grid, views)
         lit[grid.centre] = False
         indices = np.argwhere(lit)
@@ -90,7 +91,8 @@ class StereoPairs:
         if not (np.abs(shifts) < (pinhole.width, pinhole.height)).all():
             raise VolumeError(
                 f'at {np.min(depths):g} m views are displaced by {np.abs(shifts).max():.0f} px, '
-                f'out of their {pinhole.width}x{pinhole.height} px: choose a larger near')
+                f'out of their {pinhole.width}x{pinhole.height} px: choose a larger near, '
+                'or is the baseline not in metres?')
         return shifts
 
     def labels_needed(self, near: float, far: float) -> int:

@@ -78,7 +78,7 @@ def test_light_is_the_inverse_variance_of_a_difference():
 
 @pytest.mark.parametrize('interpolation', ['neutral', 'bilinear', 'phase'])
 @pytest.mark.parametrize(('weights', 'message'), [
-    (np.zeros((3, 3)), 'centre view has weight 0'),
+    (np.zeros((3, 3)), 'centre view has weight 0.* its picture is not black'),
     (np.diag([0, 1, 0]), 'only the centre has light'),
 ])
 def test_dark_light_fields_are_refused(weights, message, interpolation):
@@ -96,7 +96,8 @@ def test_a_single_view_is_refused(interpolation):
 
 @pytest.mark.parametrize('size', [(90, 25), (25, 90)])
 def test_depths_that_shift_views_out_of_the_image_are_refused(size):
-    with pytest.raises(VolumeError, match=r'at 0\.03 m .* 33 px.*choose a larger near'):
+    with pytest.raises(VolumeError, match=r'at 0\.03 m .* 33 px.*choose a larger near, '
+                       'or is the baseline not in metres'):
         build_volume(noise_field(make_grid(size=size)), DlvSettings(near=0.03))
 
 
