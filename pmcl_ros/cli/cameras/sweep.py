@@ -11,7 +11,13 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.posed_view import quaternion_pose
-from pmcl_ros.lightfield.sweep.plan import MATCHING, SweepPlan, depth_resolution, width_for
+from pmcl_ros.lightfield.sweep.plan import (
+    BASELINES,
+    MATCHING,
+    SweepPlan,
+    depth_resolution,
+    width_for,
+)
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.warm_up import RENDER
@@ -57,10 +63,11 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
     width = width_for(distance, fx, resolution, matching)
     rows, columns = views
     step = width / (max(rows, columns) - 1)
-    if not 1e-5 <= step <= 10:  # the baselines that sweep_driver takes
+    least, largest = BASELINES
+    if not least <= step <= largest:
         raise click.UsageError(
-            f'neighbouring views would be {step:.3g} m apart, not 0.00001 to 10 m: are --distance '
-            'and --resolution in metres?')
+            f'neighbouring views would be {step:.3g} m apart, not {least:.5f} to {largest:g} m: '
+            'are --distance and --resolution in metres?')
     middle = None if pose is None else quaternion_pose(pose[:3], pose[3:], '--pose')
     made = SweepPlan.from_grid(rows, columns, round(step, 6), middle, frame if pose else '')
     width = made.baseline * (max(rows, columns) - 1)

@@ -12,6 +12,7 @@ from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
 
 MATCHING = 0.25  # px: standard deviation of a measured displacement
+BASELINES = 1e-5, 10.0  # m: least and largest distance of neighbouring views
 
 
 def depth_resolution(distance: float, fx: float, width: float, matching: float = MATCHING
@@ -62,7 +63,8 @@ class SweepPlan(Settings):
                        'middle')
     rows: int = Field(ge=1, le=99, description='rows of views')
     columns: int = Field(ge=1, le=99, description='views of a row')
-    baseline: float = Field(gt=0, le=10, description='between neighbouring views [m]')
+    baseline: float = Field(ge=BASELINES[0], le=BASELINES[1],
+                            description='between neighbouring views [m]')
     poses: list[PlannedView] = Field(min_length=2, description='to take pictures at')
 
     @model_validator(mode='after')

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.readers.pictures import Bits
+from pmcl_ros.lightfield.sweep.plan import BASELINES
 from pmcl_ros.lightfield.view_fields import (
     Common,
     Compressed,
@@ -26,7 +27,8 @@ class SweepSettings(Settings):
 
     rows: int = Field(5, ge=1, le=99, description='rows of views [views]')
     columns: int = Field(5, ge=1, le=99, description='views of a row [views]')
-    baseline: float = Field(0.025, ge=1e-5, le=10, description='between neighbouring views [m]')
+    baseline: float = Field(0.025, ge=BASELINES[0], le=BASELINES[1],
+                            description='between neighbouring views [m]')
     near: float = Field(0.3, ge=0.01, le=100, description='smallest depth of interest [m]')
     far: float = Field(0.9, ge=0.01, le=1000, description='largest depth of interest [m]')
     sharpness: float = Field(
