@@ -6,7 +6,6 @@ from collections import deque
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
@@ -18,8 +17,6 @@ from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.lightfield.sweep.view_plan import ViewPlan, check_frame
-from pmcl_ros.messages.camera_info import lens_from
-from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.camera_input import (
     Picture,
     Silence,
@@ -32,11 +29,11 @@ from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
 from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.stamped_lenses import StampedLenses
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import posed_view_outputs, view_outputs
 from pmcl_ros.runtime.errors import (
     LightFieldError,
-    MessageError,
     PmclError,
     PoseUnavailableError,
     SettingsError,
@@ -46,7 +43,6 @@ from pmcl_ros.runtime.resources import resolve
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _LISTEN = 1.0  # s between two looks whether images come
-_LENSES = 100  # of the last camera_info
 
 
 class _Waiting(NamedTuple):
@@ -70,9 +66,6 @@ class SweepDriver(StageNode):
 
     name = 'sweep_driver'
     settings_class = SweepDriverSettings
-    _lens: Lens | None  # of the last camera_info
-    _no_lens: str  # why there is none
-    _lenses: dict[int, Lens | None]  # of the last ones, by stamp; None: it was refused
 
     def set_up(self, settings: SweepDriverSettings) -> None:
         """Read the mask, and the plan: where collect is plan, or grid with a plan."""
@@ -113,8 +106,7 @@ class SweepDriver(StageNode):
 
     def start(self) -> None:
         """Listen."""
-        self._lens, self._no_lens = None, ''
-        self._lenses = {}
+        self._lenses = StampedLenses(self._settings.rectified)
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._ending, self._number = False, False, 0
         self._wanted = 0  # pictures that ~/take asked for
@@ -123,7 +115,7 @@ class SweepDriver(StageNode):
         self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
         self._poses.start()
         self._silence = Silence(self, [subscribe_camera(
-            self, self._settings, 'image', 'camera_info', self._on_image, self._on_info)])
+            self, self._settings, 'image', 'camera_info', self._on_image, self._lenses.add)])
         self.every(_LISTEN, self._listen)
         self._look = self.every(_LOOK, self._take_waiting)
         self.serve('~/start', self._start_sweep)
@@ -163,23 +155,6 @@ class SweepDriver(StageNode):
         return 'collecting' + (f'; {forgotten} frames of an unfinished sweep are forgotten'
                                if forgotten else '')
 
-    def _on_info(self, message: CameraInfo) -> None:
-        try:
-            self._lens = lens_from(message, self._settings.rectified)
-        except MessageError as error:  # what was told before is of another calibration
-            self._lens, self._no_lens = None, str(error)
-            raise
-        finally:
-            stamp_ns = header_from(message.header).stamp_ns
-            self._lenses.pop(stamp_ns, None)  # the newest is the last
-            self._lenses[stamp_ns] = self._lens
-            if len(self._lenses) > _LENSES:
-                del self._lenses[next(iter(self._lenses))]
-
-    def _lens_of(self, waiting: _Waiting) -> Lens | None:
-        """Of the camera_info of its stamp, else the last before it, else the first after it."""
-        return self._lenses.get(waiting.header.stamp_ns, waiting.lens or self._lens)
-
     def _listen(self) -> None:
         if self._collecting:  # a camera that nobody needs may be off
             self._silence.look()
@@ -204,7 +179,7 @@ class SweepDriver(StageNode):
                                   f'{self._frame_id!r}: a sweep is of one camera; '
                                   'fixed_cameras takes several at rest')
         self._wanted -= asked
-        self._waiting.append(_Waiting(name, header, message, self._lens, time.monotonic()))
+        self._waiting.append(_Waiting(name, header, message, self._lenses.last, time.monotonic()))
         self._look.reset()
         self._take_waiting()
         while len(self._waiting) > most_waiting(len(message.data)):
@@ -226,7 +201,7 @@ class SweepDriver(StageNode):
     def _take_first(self) -> bool | None:
         """Whether the first image that waits is collected; None: it goes on waiting."""
         first = self._waiting[0]
-        lens = self._lens_of(first)
+        lens = self._lenses.at(first.header.stamp_ns, first.lens)
         try:
             moving = self._poses.interpolated(
                 first.header.stamp_ns, self._settings.camera_frame or first.header.frame_id,
@@ -267,7 +242,7 @@ class SweepDriver(StageNode):
 
     def _why_no_lens(self) -> str:
         topic = self.resolve_topic_name('camera_info')
-        return self._no_lens or (f'no camera_info has come on {topic} (publishers: '
+        return self._lenses.refused or (f'no camera_info has come on {topic} (publishers: '
                                  f'{self.count_publishers(topic)}): publish it there, or '
                                  'remap the topic')
 
