@@ -60,8 +60,11 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, bag_par
         # the node and the recorder
         with Process(tmp_path, REPLAY, WINE_GLASS, '--subscribers', 2):
             user.wait(lambda: poses and maps, 'a pose and a map')
-        # The pose may be there before the recorder has all that it was made from, 52 MB of views.
-        user.wait(lambda: megabytes(recorder) > 85, 'all of it to be recorded')
+        # Both may be here before the recorder has them and all that they were made from: 52 MB of
+        # views, and the map beside 86 MB in all.
+        size = 4e-6 * len(maps[0].data)
+        assert size > 1.1
+        user.wait(lambda: megabytes(recorder) > 85 + size, 'all of it to be recorded')
         ended(recorder)
         for number, stage in enumerate(('raw', 'views', 'dlv'), 2):
             user.call(Trigger, '/pmcl_node/reset', Trigger.Request())  # its random numbers too
