@@ -23,7 +23,7 @@ export PMCL_LEARNED := $(OUT)
 LEAST := 2
 part = $(if $(TRIAL),$(shell echo $$(( $(1) / $(PART) > $(2) ? $(1) / $(PART) : $(2) ))),$(1))
 scenes = $(PMCL) scenes render --count $(call part,$(1),$(LEAST)) --seed $(2) $(3) --jobs $(JOBS) -o $(@:.yaml=)
-learn = $(PMCL) learn $(@:.yaml=) --seed 0 $(1) --force --out $@ | tee -a $(@:.yaml=.log)
+learn = $(PMCL) learn $(@:.yaml=) --seed 0 $(1) --jobs $(JOBS) --force --out $@ | tee -a $(@:.yaml=.log)
 ARC := --camera $(OUT)/camera.yaml --samples 3 --cameras arc:5:60
 GRID := --camera $(OUT)/camera.yaml --samples 3 --cameras grid:3x3:0.1
 
@@ -53,9 +53,9 @@ $(OUT)/camera.yaml:
 	echo '{width: 640, height: 480, fx: 600, cx: 322, cy: 238}' > $@
 
 $(OUT)/contour_map_evidence.yaml: $(addprefix $(OUT)/,contour.yaml creases.yaml contour_map.yaml camera.yaml)
-	$(call scenes,50,60000,--preset broad --camera $(OUT)/camera.yaml --views 1 --samples 3)
-	$(call scenes,30,61000,--camera $(OUT)/camera.yaml --views 1 --samples 3)
-	$(call scenes,16,62000,--views 5 --samples 1)
+	$(call scenes,120,901000,--preset broad --camera $(OUT)/camera.yaml --views 1 --samples 3)
+	$(call scenes,100,900000,--camera $(OUT)/camera.yaml --views 1 --samples 3)
+	$(call scenes,30,62000,--views 5 --samples 1)
 	$(call learn,--views 7 --map)
 
 $(OUT)/views.yaml: $(OUT)/contour_map_evidence.yaml

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.cli.learning.learn import examples_of
+from pmcl_ros.cli.learning.examples import example_of_edges
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.geometry.pose_error import PoseError, pose_error
 from pmcl_ros.learning.contour_tables import Example
@@ -43,8 +43,8 @@ def _result(example: Example) -> tuple[bool, bool, bool, float]:
 
 def main() -> None:
     """Of all scenes that show their object."""
-    results = [_result(each) for each in examples_of(find_captures(Path(sys.argv[1])), _VIEWS, '')
-               if each.there]
+    examples = (example_of_edges(each, _VIEWS) for each in find_captures(Path(sys.argv[1])))
+    results = [_result(each) for each in examples if each.there]
     proposed, right, wrong, took = np.array(results).T
     sys.stdout.write(
         f'of {len(results)}: proposed {proposed.sum():.0f}, right {right.sum():.0f}, wrong and '

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
-from pmcl_ros.evidence.learned import LearnedMapEvidence
+from pmcl_ros.evidence.learned import LearnedMapEvidence, SupportSlopes
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.runtime.errors import VolumeError
 
@@ -103,9 +103,9 @@ class ContourMap(EvidenceVolume):
         return self.numbers.least_support
 
     @property
-    def support_slopes(self) -> tuple[float, float]:
+    def support_slopes(self) -> SupportSlopes:
         """See `EvidenceVolume`."""
-        return self.numbers.evidence_slope, self.numbers.odds_slope
+        return self.numbers.slopes
 
     @property
     def least_weight(self) -> float:
@@ -118,6 +118,19 @@ class ContourMap(EvidenceVolume):
         return ModelError(self.numbers.common_error, self.numbers.local_error,
                           self.numbers.error_length,
                           degrees_of_freedom=self.numbers.degrees_of_freedom)
+
+    def inside_of(self, depths: NDArray[np.float32], left: int, top: int) -> float:
+        """Mean log odds that the pixels which an object covers show a solid [nat / px].
+
+        depths: (height, width) of its surface, 0 beside it [m]. left, top: pixel of their corner.
+        0 where it covers none.
+        """
+        row, column = np.nonzero(depths)
+        if not len(row):
+            return 0.0
+        label = np.rint(self.labels(depths[row, column])).astype(int)
+        return float(self.inside[row + top, column + left,
+                                 label.clip(0, self.inside.shape[2] - 1)].mean())
 
     def on(self, lattice: PixelGrid) -> 'ContourMap':
         """See `EvidenceVolume`."""

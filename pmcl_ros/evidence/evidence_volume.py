@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.volume import check_values
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.learned import NO_SLOPES, SupportSlopes
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -52,11 +53,9 @@ class EvidenceVolume(ABC):
         """Support below which an object is lost (`contour_support`) [nat / px]."""
 
     @property
-    def support_slopes(self) -> tuple[float, float]:
-        """By how much less support is enough for a nat / px of mean evidence, and for a nat of the
-        log odds of the mode's weight (`Thresholds`).
-        """
-        return 0.0, 0.0
+    def support_slopes(self) -> SupportSlopes:
+        """How the support that a pose needs depends on its other numbers."""
+        return NO_SLOPES
 
     @property
     def least_weight(self) -> float:

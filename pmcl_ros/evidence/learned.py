@@ -11,7 +11,7 @@ import math
 import os
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -98,6 +98,30 @@ class LearnedMap(Settings):
     training: dict[str, Any] = Field(description='record: command, seeds, losses, versions')
 
 
+class SupportSlopes(NamedTuple):
+    """By how much the support that a pose needs changes with other numbers of it (`Thresholds`).
+
+    evidence: less, for each nat / px of mean evidence [1]. odds: less, for each nat of the log
+    odds of the mode's weight [1 / px]. inside: more, for each nat / px of the mean log odds of
+    solids that the object covers [1].
+    """
+
+    evidence: float = 0.0
+    odds: float = 0.0
+    inside: float = 0.0
+
+    def instead(self, evidence: float, odds: float, inside: float) -> float:
+        """What these numbers of a pose are worth in support [nat / px].
+
+        inside: NaN where the evidence does not tell of solids.
+        """
+        return (self.evidence * evidence + self.odds * odds
+                - (self.inside * inside if math.isfinite(inside) else 0.0))
+
+
+NO_SLOPES = SupportSlopes()  # nothing takes the place of support
+
+
 class LearnedMapEvidence(Settings):
     """How the log odds of a contour map become the evidence of a pose."""
 
@@ -111,13 +135,16 @@ class LearnedMapEvidence(Settings):
     least_evidence: float = Field(
         description='mean evidence of a contour below which the object is lost [nat / px]')
     least_support: float = Field(
-        description='support below which it is, at no evidence and even odds [nat / px]')
+        description='support below which it is, where the numbers of the slopes are 0 [nat / px]')
     evidence_slope: float = Field(
         0.0, ge=0, description='by how much less support is enough for each nat / px of mean '
         'evidence [1]')
     odds_slope: float = Field(
         0.0, ge=0, description="by how much less for each nat of the log odds of the mode's "
         'weight [1 / px]')
+    inside_slope: float = Field(
+        0.0, ge=0, description='by how much more is needed for each nat / px of the mean log odds '
+        'of solids that the object covers [1]')
     least_weight: float = Field(
         ge=0, le=1, description="posterior weight of the pose's mode below which it is [1]")
     common_error: _Error = Field(
@@ -126,6 +153,11 @@ class LearnedMapEvidence(Settings):
         description='standard deviation of the displacement of stretches of a contour [px]')
     error_length: _Error = Field(description='correlation length along these stretches [px]')
     degrees_of_freedom: _Degrees = math.inf
+
+    @property
+    def slopes(self) -> SupportSlopes:
+        """How the support that is needed depends on other numbers of a pose."""
+        return SupportSlopes(self.evidence_slope, self.odds_slope, self.inside_slope)
 
 
 class LearnedViews(Settings):
@@ -177,8 +209,8 @@ class LearnedViews(Settings):
         """The support below which an object is lost [nat / px].
 
         views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
-        alone: the support that is needed in one view at no evidence and even odds; views of about
-        one place need it too, less by `slopes`.
+        alone: `least_support` of one view; views of about one place need it too, changed by
+        `slopes`.
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """
@@ -187,13 +219,13 @@ class LearnedViews(Settings):
                     + self.beyond_slope * beyond)
         return alike * alone + (1 - alike) * together
 
-    def slopes(self, views: float, alone: tuple[float, float]) -> tuple[float, float]:
-        """By how much less support is enough for a nat / px of evidence, and for one of log odds.
+    def slopes(self, views: float, alone: SupportSlopes) -> SupportSlopes:
+        """How the support that is needed depends on other numbers of a pose.
 
-        views, alone: as of `needed`. In independent views neither takes the place of support.
+        views: as of `needed`. alone: of one view. In independent views it does not.
         """
         alike = _alike(views)
-        return alike * alone[0], alike * alone[1]
+        return SupportSlopes(*(alike * each for each in alone))
 
 
 def _alike(views: float) -> float:

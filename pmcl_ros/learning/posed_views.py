@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,17 +88,15 @@ class ViewsSearch:
     deviation: ViewsDeviation | None = None
 
 
-def searches(examples: Iterable[ViewsExample], seed: int) -> Iterator[ViewsSearch]:
-    """Search some views of each scene for its object, and for the object of the scene before."""
-    before: ObjectModel | None = None
-    for each in examples:
-        for chosen in _subsets(len(each.evidence.views)):
-            views = replace(each.evidence,
-                            views=tuple(each.evidence.views[number] for number in chosen))
-            yield _search(replace(each, evidence=views), seed)
-            if before is not None:
-                yield _search(replace(each, evidence=views, model=before, there=False), seed)
-        before = each.model
+def searches(example: ViewsExample, others: Sequence[ObjectModel], seed: int
+             ) -> Iterator[ViewsSearch]:
+    """Search some views of a scene for its own object, and for others that are not there."""
+    for chosen in _subsets(len(example.evidence.views)):
+        views = replace(example.evidence,
+                        views=tuple(example.evidence.views[number] for number in chosen))
+        yield _search(replace(example, evidence=views), seed)
+        for other in others:
+            yield _search(replace(example, evidence=views, model=other, there=False), seed)
 
 
 def _subsets(count: int) -> list[Sequence[int]]:

@@ -1,13 +1,14 @@
 """Searches for objects in scenes with and without them: support and evidence of both."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.learned import NO_SLOPES, SupportSlopes
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.learning.contour_errors import LENGTH, Deviation
@@ -23,72 +24,71 @@ from pmcl_ros.pmcl.support import log_odds
 from pmcl_ros.runtime.errors import LocalizationError
 
 _NO_ERROR = ModelError(0, 0, LENGTH)  # it is what the searches are to teach
-_OTHERS = 1  # objects of other scenes that each scene is searched for
 
 
 @dataclass(frozen=True)
 class Search:
     """One search. there: whether the object is in the scene.
 
-    support, evidence: of the pose found (`PoseEstimate`). weight: of its mode. deviation: of that
-    pose from the truth; None where the pose is wrong.
+    support, evidence, inside: of the pose found (`PoseEstimate`). weight: of its mode. deviation:
+    of that pose from the truth; None where the pose is wrong.
     """
 
     there: bool
     support: float
     evidence: float
     weight: float
+    inside: float
     deviation: Deviation | None = None
 
-    def margin(self, slopes: tuple[float, float]) -> float:
-        """The support, and what takes its place (`Thresholds.slopes`); -inf without a contour."""
+    @classmethod
+    def from_estimate(cls, there: bool, estimate: PoseEstimate, deviation: Deviation | None = None
+                      ) -> 'Search':
+        """One that ended with an estimate."""
+        return cls(there, estimate.support, estimate.evidence, estimate.modes[0].weight,
+                   estimate.inside, deviation)
+
+    def margin(self, slopes: SupportSlopes) -> float:
+        """The support, and what takes its place; -inf without a contour."""
         if not math.isfinite(self.support):
             return -math.inf
-        return self.support + slopes[0] * self.evidence + slopes[1] * log_odds(self.weight)
+        return self.support + slopes.instead(self.evidence, log_odds(self.weight), self.inside)
 
     def is_claimed(self, least: Thresholds) -> bool:
         """Whether the object counts as found, by these thresholds."""
         return (self.evidence >= least.evidence and self.weight >= least.weight
-                and self.support >= least.needed(self.evidence, self.weight))
+                and self.support >= least.needed(self.evidence, self.weight, self.inside))
 
 
-def slopes_of(found: Sequence[Search], least_weight: float) -> tuple[float, float]:
+def slopes_of(found: Sequence[Search], least_weight: float) -> SupportSlopes:
     """`Thresholds.slopes`, by the searches whose pose has this weight at least.
 
     Raises LocalizationError where support does not tell right poses from objects elsewhere.
     """
     clear = [each for each in found
              if each.weight >= least_weight and np.isfinite(each.support)]
-    of_evidence, of_odds = support_slopes(*(
-        [[each.support, each.evidence, log_odds(each.weight)] for each in group]
+    return SupportSlopes(*map(float, support_slopes(*(
+        [[each.support, each.evidence, log_odds(each.weight), -each.inside] for each in group]
         for group in ([each for each in clear if each.deviation is not None],
-                      [each for each in clear if not each.there])))
-    return float(of_evidence), float(of_odds)
+                      [each for each in clear if not each.there])))))
 
 
-def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: int
-             ) -> Iterator[Search]:
-    """Search each scene for its own object, and for the object of the scene before.
+def searches(example: Example, others: Sequence[ObjectModel], profile: ContourProfile | None,
+             seed: int) -> Iterator[Search]:
+    """Search a scene for its own object, and for others that are not there.
 
     profile: None for that of the evidence.
 
-    The depths of the edge volumes must hold all of these objects.
+    The depths of an edge volume must hold all of these objects.
     """
-    before: list[ObjectModel] = []
-    for each in examples:
-        estimate = found(each, each.model, profile, seed)
-        deviation = None
-        if each.there:
-            error = pose_error(estimate.pose, each.pose, each.model.symmetry)
-            if error.right:
-                deviation = Deviation.from_estimate(
-                    each, estimate, profile or each.volume.profile, NumbaRenderer())
-        yield Search(each.there, estimate.support, estimate.evidence, estimate.modes[0].weight,
-                     deviation)
-        for other in before:
-            estimate = found(each, other, profile, seed)
-            yield Search(False, estimate.support, estimate.evidence, estimate.modes[0].weight)
-        before = [*before, each.model][-_OTHERS:]
+    estimate = found(example, example.model, profile, seed)
+    deviation = None
+    if example.there and pose_error(estimate.pose, example.pose, example.model.symmetry).right:
+        deviation = Deviation.from_estimate(
+            example, estimate, profile or example.volume.profile, NumbaRenderer())
+    yield Search.from_estimate(example.there, estimate, deviation)
+    for other in others:
+        yield Search.from_estimate(False, found(example, other, profile, seed))
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Supports:
 
     @classmethod
     def from_searches(cls, found: Sequence[Search], least_weight: float = 0.0,
-                      slopes: tuple[float, float] = (0.0, 0.0)) -> 'Supports':
+                      slopes: SupportSlopes = NO_SLOPES) -> 'Supports':
         """Of all searches; poses of less weight have no support. slopes: as of `Thresholds`.
 
         Raises LocalizationError when each object was in its scene.

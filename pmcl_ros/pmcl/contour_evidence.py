@@ -1,6 +1,7 @@
 """EvidenceVolume and poses -> scores, refined poses, posterior: the contour in one picture."""
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -155,7 +156,19 @@ class ContourEvidence:
 
         return ContourPosterior(
             self.model, self.settings, where(self.feasible, exact, -np.inf), local_model_at,
-            lambda pose: LinearizedContour.from_view(pose, seen(pose)), self.feasible, points_at)
+            lambda pose: LinearizedContour.from_view(pose, seen(pose)), self.feasible, points_at,
+            inside_at=self.inside)
+
+    def inside(self, pose: NDArray[np.float64]) -> float:
+        """Mean log odds that the pixels which a pose (4, 4) covers show a solid [nat / px].
+
+        NaN in edges, which do not tell.
+        """
+        if not isinstance(self.volume, ContourMap):
+            return math.nan
+        window = self.window
+        drawn = self.renderer.depths(self._scene(window), pose[None])[0]
+        return self.volume.inside_of(drawn, window.left, window.top)
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are feasible: the prior is uniform on them."""

@@ -14,7 +14,7 @@ from pmcl_ros.geometry.se3 import retract, rotate_covariance
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraScale
 
 FOLLOWED = 'followed'  # the mode of an estimate that was found near a prediction
-_JUDGED = 'support', 'evidence', 'least_support', 'least_evidence', 'least_weight'
+_JUDGED = 'support', 'evidence', 'inside', 'least_support', 'least_evidence', 'least_weight'
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ class PoseEstimate:
         faithful.
     support: mean evidence along the weakest part of the contour (`support.py`), evidence: along
         all of it [nat / px]; NaN in the mode faithful.
+    inside: mean log odds that the pixels which it covers show a solid [nat / px], of several views
+        their mean; NaN where the evidence does not tell.
     evaluations: number of poses that were rendered and scored.
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
@@ -75,6 +77,7 @@ class PoseEstimate:
     modes: tuple[PoseMode, ...] = ()
     support: float = math.nan
     evidence: float = math.nan
+    inside: float = math.nan
     evaluations: int = 0
     incomplete: bool = False
     in_view: float = 1.0
@@ -139,6 +142,8 @@ class PoseEstimate:
             first, second, *_ = [*(each.weight for each in self.modes), 0.0]
             values |= {'support': self.support, 'evidence': self.evidence, 'weight': first,
                        'weight of the runner-up': second}
+        if math.isfinite(self.inside):
+            values['inside'] = self.inside
         if math.isfinite(self.least_support):
             values['least support'] = self.least_support
         if math.isfinite(self.degrees_of_freedom):

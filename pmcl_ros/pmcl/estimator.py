@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.learned import NO_SLOPES, SupportSlopes
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
@@ -35,14 +36,15 @@ class Thresholds:
     """What a pose must reach, or the object is lost.
 
     support: along the weakest part of its contour; evidence: mean along all of it [nat / px].
-    weight: of its mode. slopes: by how much less support is enough for a nat / px of evidence, and
-    for a nat of the log odds of the weight: an object that is elsewhere has less of all three.
+    weight: of its mode. slopes: how the support that is needed depends on other numbers. An object
+    that is elsewhere has less support, evidence and weight. Where solids are clearly seen their
+    contours are too, and a wrong pose finds more of them: there more is needed.
     """
 
     support: float
     evidence: float
     weight: float = 0.0
-    slopes: tuple[float, float] = (0.0, 0.0)
+    slopes: SupportSlopes = NO_SLOPES
 
     @classmethod
     def from_volume(cls, volume: EvidenceVolume, profile: ContourProfile, support: float | None
@@ -53,15 +55,14 @@ class Thresholds:
         return cls(volume.least_support, profile.least, volume.least_weight,
                    volume.support_slopes)
 
-    def needed(self, evidence: float, weight: float) -> float:
-        """The support that a pose of this evidence and weight needs [nat / px].
+    def needed(self, evidence: float, weight: float, inside: float) -> float:
+        """The support that a pose with these numbers (`PoseEstimate`) needs [nat / px].
 
         `support` where there is no evidence, minus infinity: such a pose is lost by that.
         """
         if not math.isfinite(evidence):
             return self.support
-        of_evidence, of_odds = self.slopes
-        return self.support - of_evidence * evidence - of_odds * log_odds(weight)
+        return self.support - self.slopes.instead(evidence, log_odds(weight), inside)
 
 
 @dataclass(frozen=True)
@@ -104,14 +105,15 @@ class Estimator:
         support = contour_support(shown.points_at(pose), shown.share_at(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         weight = float(shares[order[0]])
-        needed = least.needed(evidence, weight)
+        inside = shown.inside_at(pose)
+        needed = least.needed(evidence, weight, inside)
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
         partly = support < needed
         otherwise = not evidence >= least.evidence or weight < least.weight
         return PoseEstimate(header, pose, spread, particles, np.full(count, -np.log(count)),
                             local.evidence, partly or otherwise, self.settings.mode, modes,
-                            support, evidence, incomplete=partly and not otherwise,
+                            support, evidence, inside, incomplete=partly and not otherwise,
                             in_view=in_view, least_support=needed,
                             least_evidence=least.evidence, least_weight=least.weight,
                             degrees_of_freedom=degrees_of_freedom)

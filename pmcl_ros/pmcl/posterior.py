@@ -1,5 +1,6 @@
 """Modes of the evidence -> Posterior, a sample: in one view (of several: `joint_posterior`)."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -56,7 +57,7 @@ class ContourPosterior:
     exact: evidence of poses, -inf outside the region of interest. local_model_at: the local model
     at a pose; with True also its uncertainty. linearize_at: the evidence near a pose. feasible:
     whether poses are in the region and satisfy the constraint. points_at: the points of a pose's
-    contour that count; share_at: their share of it.
+    contour that count; share_at: their share of it. inside_at: as of `PoseEstimate`.
     """
 
     model: ObjectModel
@@ -67,6 +68,7 @@ class ContourPosterior:
     feasible: Feasible
     points_at: Contour
     share_at: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
+    inside_at: Callable[[NDArray[np.float64]], float] = lambda _: math.nan
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode near a pose (4, 4): Gauss-Newton steps on the local model."""

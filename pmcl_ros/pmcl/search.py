@@ -55,6 +55,10 @@ class Modes(Protocol):
         """Their share of all of it."""
         ...
 
+    def inside_at(self, pose: NDArray[np.float64]) -> float:
+        """Mean log odds that the pixels which it covers show a solid [nat / px]; else NaN."""
+        ...
+
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode near a pose (4, 4)."""
         ...

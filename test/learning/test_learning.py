@@ -13,6 +13,7 @@ from scipy.stats import norm
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.learned import NO_SLOPES, SupportSlopes
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -118,7 +119,7 @@ from pmcl_ros.simulation.edge_scenes import random_edge_scene
 scene = random_edge_scene(np.random.default_rng(0), ModelError(0.1, 0.1, 40))
 example = Example(scene.edges, scene.model, scene.pose, Region(scene.roi_center, scene.roi_size))
 profile = ContourProfile.from_numbers(LearnedContour.load('old.yaml'))
-found, = searches([example], profile, 0)
+found, = searches(example, [], profile, 0)
 print(found.there, found.deviation.noise.shape)
 """], cwd=package_tree, capture_output=True, text=True, check=False)
     assert done.stdout == 'True (5, 5)\n', done.stderr
@@ -127,18 +128,20 @@ print(found.there, found.deviation.noise.shape)
 def test_the_slopes_are_those_of_the_odds():
     """Of two Gaussians with one covariance, the odds are linear."""
     rng = np.random.default_rng(0)
-    root = np.array([[0.5, 0, 0], [0.1, 0.3, 0], [0.3, 0.2, 1.0]])
-    odds = np.array([3.0, 2.0, 0.8])  # for a unit of support, evidence, log odds
+    root = np.array([[0.5, 0, 0, 0], [0.1, 0.3, 0, 0], [0.3, 0.2, 1.0, 0], [0.2, 0.1, 0.1, 0.4]])
+    odds = np.array([3.0, 2.0, 0.8, -1.5])  # for a unit of support, evidence, log odds, inside
     apart = root @ root.T @ odds
     found = []
     for there in (True, False):
-        for support, evidence, of_weight in rng.normal(size=(40000, 3)) @ root.T + there * apart:
+        for support, evidence, of_weight, inside in (
+                rng.normal(size=(40000, 4)) @ root.T + there * apart):
             weight = 0.5 + 0.5 * np.tanh(of_weight / 2)
-            found.append(Search(there, support, evidence, weight, NO_DEVIATION if there else None))
+            found.append(Search(there, support, evidence, weight, inside,
+                                NO_DEVIATION if there else None))
     slopes = slopes_of(found, 0.0)
-    np.testing.assert_allclose(slopes, odds[1:] / odds[0], rtol=0.1)
+    np.testing.assert_allclose(slopes, np.array([2.0, 0.8, 1.5]) / 3.0, rtol=0.1)
     # At as many false alarms, the best rule claims what the distance of the Gaussians lets it.
-    for used, distance in ((slopes, np.sqrt(odds @ apart)), ((0.0, 0.0), apart[0] / root[0, 0])):
+    for used, distance in ((slopes, np.sqrt(odds @ apart)), (NO_SLOPES, apart[0] / root[0, 0])):
         supports = Supports.from_searches(found, slopes=used)
         least = Thresholds(supports.threshold(0.05), -np.inf, slopes=used)
         share = [np.mean([each.is_claimed(least) for each in found if each.there is there])
@@ -149,17 +152,18 @@ def test_the_slopes_are_those_of_the_odds():
 
 
 def test_a_search_that_found_no_contour_has_no_support():
-    nothing = Search(False, -np.inf, -np.inf, 1.0)
-    for slopes in ((0.0, 0.0), (0.5, 0.3)):
+    nothing = Search(False, -np.inf, -np.inf, 1.0, 0.0)
+    for slopes in (NO_SLOPES, SupportSlopes(0.5, 0.3, 0.2)):
         assert nothing.margin(slopes) == -np.inf
         assert not nothing.is_claimed(Thresholds(-9.0, -9.0, slopes=slopes))
-    found = [Search(True, 1.0, 1.0, 1.0, NO_DEVIATION), *[Search(False, 0.0, 1.0, 1.0)] * 99]
+    found = [Search(True, 1.0, 1.0, 1.0, 0.0, NO_DEVIATION),
+             *[Search(False, 0.0, 1.0, 1.0, 0.0)] * 99]
     assert Supports.from_searches([*found, nothing]).threshold(0.05) == 0.0
 
 
 @pytest.mark.parametrize('kept', [{True}, {False}, set()])
 def test_slopes_need_right_poses_and_others(kept):
-    found = [Search(there, support, 1.0, 1.0, NO_DEVIATION if there else None)
+    found = [Search(there, support, 1.0, 1.0, 0.0, NO_DEVIATION if there else None)
              for there in kept for support in np.linspace(0, 1, 20) + there]
     told = f'{20 * (True in kept)} right poses and {20 * (False in kept)} poses'
     with pytest.raises(LocalizationError, match=told):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pmcl_ros.evidence.learned import LearnedViews
+from pmcl_ros.evidence.learned import NO_SLOPES, LearnedViews, SupportSlopes
 from pmcl_ros.learning.posed_views import ViewsDeviation, ViewsSearch, fitted, learned_from
 from pmcl_ros.learning.support_slopes import support_slopes
 from pmcl_ros.runtime.errors import LocalizationError
@@ -153,8 +153,9 @@ def test_views_that_disagree_need_more_support_and_views_of_one_place_as_much_as
     assert of.needed(3.0, 0.0, 0.0, 0.4) == pytest.approx(-0.2)
     assert of.needed(3.0, np.expm1(2.0), 0.0, 0.4) == pytest.approx(0.8)
     assert of.needed(3.0, 0.0, 0.5, 0.4) == pytest.approx(0.8)
-    assert of.slopes(1.0, (0.4, 0.2)) == (0.4, 0.2)
-    assert of.slopes(3.0, (0.4, 0.2)) == pytest.approx((0.0, 0.0))
+    alone = SupportSlopes(0.4, 0.2, 0.3)
+    assert of.slopes(1.0, alone) == alone
+    assert of.slopes(3.0, alone) == pytest.approx(NO_SLOPES)
 
 
 def test_too_few_searches_are_refused():

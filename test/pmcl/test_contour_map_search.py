@@ -11,8 +11,10 @@ from pmcl_scenes import CAMERA, bracket, cup, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.build_map import build_map
-from pmcl_ros.evidence.learned import learned_map_evidence
+from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.learned import NO_SLOPES, SupportSlopes, learned_map_evidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import retract
@@ -20,6 +22,7 @@ from pmcl_ros.learning.contour_errors import Deviation, fitted_offset
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.learning.searches import found
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
@@ -199,26 +202,49 @@ def test_covered_pixels_count_near_a_pose_as_at_it():
     assert np.ptp(local.evidence(nearer)) == pytest.approx(np.ptp(exact), rel=0.1)
 
 
-def test_evidence_and_weight_take_the_place_of_support():
+def test_the_mean_inside_is_that_of_what_the_object_covers():
+    odds = seen(CUP, CUP_POSE)
+    values = np.random.default_rng(0).normal(1, 1, (*odds.inside.shape[:2], 3))
+    odds = replace(odds, depths=depth_labels(NEAR, FAR, 3), inside=values.astype(np.float32),
+                   tensor=np.repeat(odds.tensor, 3, axis=2),
+                   numbers=NUMBERS.model_copy(update={'inside_weight': 1.0}))
+    evidence = ContourEvidence.from_volume(odds, NumbaRenderer(), CUP, SMALL, None, None, None)
+    with evidence.score() as score:
+        points, posterior = score.points(CUP_POSE), evidence.posterior(score)
+    drawn = NumbaRenderer().depths(Scene(CUP, CAMERA, WHOLE, NEAR, FAR), CUP_POSE[None])[0]
+    covered = np.count_nonzero(drawn)  # about the depth of the middle label
+    assert posterior.inside_at(CUP_POSE) == pytest.approx(points.covered / covered, abs=0.02)
+    assert posterior.inside_at(CUP_POSE) == pytest.approx(values[drawn > 0, 1].mean(), abs=1e-5)
+    edges = EdgeVolume(odds.header, odds.tensor[..., :3], odds.depths, CAMERA)
+    assert np.isnan(replace(evidence, volume=edges).inside(CUP_POSE))
+    behind = CUP_POSE.copy()
+    behind[2, 3] *= -1
+    assert evidence.inside(behind) == 0
+
+
+def test_evidence_weight_and_inside_change_the_support_that_is_needed():
     odds = seen(CUP, CUP_POSE)
 
     def localized(least, slopes, settings=SMALL):
-        numbers = NUMBERS.model_copy(update={
-            'least_support': least, 'evidence_slope': slopes[0], 'odds_slope': slopes[1]})
+        numbers = NUMBERS.model_copy(update={'least_support': least} | {
+            f'{name}_slope': value for name, value in slopes._asdict().items()})
         with Localizer(CUP, settings) as localizer:
             return localizer.localize(replace(odds, numbers=numbers), np.random.default_rng(0))
 
-    free = localized(-1.0, (0.0, 0.0))
-    margin = free.support + 0.5 * free.evidence + 0.25 * log_odds(free.modes[0].weight)
+    free, slopes = localized(-1.0, NO_SLOPES), SupportSlopes(0.5, 0.25, 0.125)
+    margin = (free.support + 0.5 * free.evidence + 0.25 * log_odds(free.modes[0].weight)
+              - 0.125 * free.inside)
+    assert 0.5 < free.inside <= 1
+    assert free.diagnostics()['inside'] == free.as_dict()['inside'] == free.inside
     for lacking, lost in ((-0.01, False), (0.01, True)):
-        found = localized(margin + lacking, (0.5, 0.25))
+        found = localized(margin + lacking, slopes)
         assert found.lost is lost
         assert found.support == free.support
         assert found.least_support == pytest.approx(free.support + lacking)
         assert found.diagnostics()['least support'] == found.least_support
         # What is chosen holds for all poses.
         chosen = SMALL.model_copy(update={'least_support': free.support - 0.01})
-        found = localized(margin + lacking, (0.5, 0.25), chosen)
+        found = localized(margin + lacking, slopes, chosen)
         assert not found.lost
         assert found.least_support == chosen.least_support
 

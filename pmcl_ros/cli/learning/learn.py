@@ -1,23 +1,32 @@
 """`pmcl learn`: learn the numbers of the contour evidence from generated scenes."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
-from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, check_scheduler, process_options
+from pmcl_ros.cli.learning.examples import (
+    example_of_edges,
+    example_of_map,
+    example_of_views,
+    has_several,
+)
 from pmcl_ros.evaluation.captures import Capture, find_captures
-from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import edge_volume
-from pmcl_ros.evidence.learned import LearnedContour, LearnedMapEvidence, LearnedProfile
-from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.evidence.learned import (
+    NO_SLOPES,
+    LearnedContour,
+    LearnedMapEvidence,
+    LearnedProfile,
+    SupportSlopes,
+)
 from pmcl_ros.geometry.student_t import COMMON, credible_level
 from pmcl_ros.learning.contour_errors import (
     Deviation,
@@ -25,24 +34,19 @@ from pmcl_ros.learning.contour_errors import (
     fitted_error,
     fitted_offset,
 )
-from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
-from pmcl_ros.learning.posed_views import ViewsExample, learned_from
+from pmcl_ros.learning.contour_tables import Samples, crease_profile, fitted, profiles
+from pmcl_ros.learning.posed_views import ViewsSearch, learned_from
 from pmcl_ros.learning.posed_views import searches as posed_searches
 from pmcl_ros.learning.searches import Search, Supports, searches, slopes_of
-from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import has_posed_views
-from pmcl_ros.pipeline import apparent_size, build_evidence
 from pmcl_ros.pmcl.estimator import Thresholds
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
-from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.warm_up.chain import DRAW, EDGES, ENERGIES, SEARCH
 from pmcl_ros.warm_up.stage import compile_ahead
 
-_LARGEST = 0.14  # m: radius of any generated object
 _TOO_LITTLE = 0.05  # share of right poses by edges that have too little evidence
 _TOO_LITTLE_OF_MAPS = 0.01  # the same by contour maps, whose rule for support asks for it too
 # Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
@@ -51,6 +55,15 @@ _TOO_LITTLE_OF_MAPS = 0.01  # the same by contour maps, whose rule for support a
 _WEIGHTS = {'contour_weight': 0.33, 'inside_weight': 0.0}
 _LEAST_WEIGHT = 0.95  # of the posterior: one claimed pose in twenty may be another one
 _DIGITS = 2  # of the numbers that are printed and written
+Found = TypeVar('Found')  # a search
+
+
+class Processes(NamedTuple):
+    """In which the searches run: the last arguments of `run_all`."""
+
+    jobs: int
+    backend: str
+    scheduler: str | None
 
 
 @click.command()
@@ -72,9 +85,11 @@ _DIGITS = 2  # of the numbers that are printed and written
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
               '--creases: creases.yaml; --map: contour_map_evidence.yaml; --posed: views.yaml), '
               'which is read at start.')
+@process_options
 @FORCE
 def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, posed: bool,
-          false_alarms: float, out: Path | None, force: bool) -> None:
+          false_alarms: float, jobs: int, backend: str, scheduler: str | None, out: Path | None,
+          force: bool) -> None:
     """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
 
     Prints the profile across contours, the support and evidence below which an object is lost, and
@@ -83,13 +98,15 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     """
     if creases + of_map + posed > 1:
         raise click.UsageError('--creases, --map and --posed are learned one after the other')
+    check_scheduler(backend, scheduler)
+    processes = Processes(jobs, backend, scheduler)
     if out is not None:
         refuse_existing([out], force)
         out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes hours
     captures = find_captures(folder)
     for capture in captures:
         if not posed and has_posed_views(capture.source):
-            raise _has_several(capture)
+            raise has_several(capture)
     compile_ahead(STDERR, SEARCH if posed else (
         *EDGES, *((*DRAW, *ENERGIES) if creases else SEARCH)))
     command = (f'pmcl learn {folder}{"" if posed else f" --views {views}"} --seed {seed}'
@@ -97,20 +114,22 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
                f'{"" if creases else f" --false-alarms {false_alarms:g}"} --out {out}')
     if posed:
         numbers_of_views = learned_from(
-            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, false_alarms,
-            _TOO_LITTLE_OF_MAPS, click.echo)
+            _all_searches(partial(_search_views, seed=seed), captures, processes, 'searches'),
+            _LEAST_WEIGHT, false_alarms, _TOO_LITTLE_OF_MAPS, click.echo)
         if out is not None:
             numbers_of_views.save(out, command)
         return
     if of_map:
-        learned = _learn_map_evidence(captures, views, seed, false_alarms)
+        learned = _learn_map_evidence(captures, views, seed, false_alarms, processes)
         if out is not None:
             learned.save(out, command)
         return
     halves: list[list[Samples]] = [[], []]
-    for number, each in enumerate(examples_of(captures, views, 'profiles')):
+    for number, each in enumerate(track(captures, console=STDERR, description='profiles',
+                                        transient=True)):
         rng = np.random.default_rng([seed, number])
-        halves[number % 2] += profiles(each, NumbaRenderer(), rng, of_creases=creases)
+        halves[number % 2] += profiles(example_of_edges(each, views), NumbaRenderer(), rng,
+                                       of_creases=creases)
     both = halves[0] + halves[1]
     profile = crease_profile(both) if creases else fitted(Samples.joined(both))
     click.echo('rows: offsets; columns: knots')
@@ -121,8 +140,10 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     if not creases:
         looked: list[Search] = []
         for half in range(2):
-            chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
-            looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
+            of_others = fitted(Samples.joined(halves[1 - half]))
+            looked += _all_searches(
+                partial(_search_edges, views=views, profile=of_others, seed=seed),
+                captures[half::2], processes, f'searches {half + 1} of 2')
         least = _thresholds(Supports.from_searches(looked), false_alarms, _TOO_LITTLE)
         numbers = LearnedContour.make(
             _fields(profile) | _learned(looked, least, false_alarms, _TOO_LITTLE), 'the profile')
@@ -130,37 +151,75 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
         numbers.save(out, command)
 
 
-def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int, false_alarms: float
-                        ) -> LearnedMapEvidence:
+def _search_edges(capture: Capture, others: Sequence[ObjectModel], views: int,
+                  profile: ContourProfile, seed: int) -> list[Search]:
+    return list(searches(example_of_edges(capture, views), others, profile, seed))
+
+
+def _search_map(capture: Capture, others: Sequence[ObjectModel], views: int,
+                numbers: LearnedMapEvidence, seed: int) -> list[Search]:
+    return list(searches(example_of_map(capture, views, numbers), others, None, seed))
+
+
+def _search_views(capture: Capture, others: Sequence[ObjectModel], seed: int
+                  ) -> list[ViewsSearch]:
+    return list(posed_searches(example_of_views(capture), others, seed))
+
+
+def _all_searches(search: Callable[[Capture, Sequence[ObjectModel]], list[Found]],
+                  captures: Sequence[Capture], processes: Processes, purpose: str) -> list[Found]:
+    """Of each capture in turn, for its own object and for that of the one before.
+
+    purpose: of the bar.
+    """
+    scenes = [(number, each, captures[number - 1].model if number else None)
+              for number, each in enumerate(captures)]
+    done = track(run_all(partial(_numbered, search), scenes, *processes), total=len(scenes),
+                 console=STDERR, description=purpose, transient=True)
+    return [each for _, found in sorted(done, key=lambda one: one[0]) for each in found]
+
+
+def _numbered(search: Callable[[Capture, Sequence[ObjectModel]], list[Found]],
+              scene: tuple[int, Capture, Path | None]) -> tuple[int, list[Found]]:
+    number, capture, other = scene
+    return number, search(capture, [] if other is None else [ObjectModel.load(other)])
+
+
+def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int, false_alarms: float,
+                        processes: Processes) -> LearnedMapEvidence:
     """Where contours are found, by searches with the weights; thresholds and errors by others."""
     numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, least_weight=0,
                                  common_error=1, local_error=1, error_length=1)
-    first = list(searches(maps_of(captures, views, numbers, 'searches 1 of 2'), None, seed))
+    first = _all_searches(partial(_search_map, views=views, numbers=numbers, seed=seed), captures,
+                          processes, 'searches 1 of 2')
     offset = round(fitted_offset(_deviations(first, _of_map(first, false_alarms))), _DIGITS)
     click.echo(f'contours are found {offset:+.2f} px outwards')
     numbers = numbers.model_copy(update={'contour_offset': offset})
-    looked = list(searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed))
+    looked = _all_searches(partial(_search_map, views=views, numbers=numbers, seed=seed), captures,
+                           processes, 'searches 2 of 2')
     least = _of_map(looked, false_alarms)
-    of_evidence, of_odds = least.slopes
-    click.echo(f'of the support that is needed, {of_evidence:.2f} for each nat / px of evidence '
-               f'and {of_odds:.2f} for each nat of the log odds of the weight are enough')
+    slopes = least.slopes
+    click.echo('of the support that is needed '
+               f'{slopes.evidence:.2f} less for each nat / px of evidence, '
+               f'{slopes.odds:.2f} less for each nat of the log odds of the weight, '
+               f'{slopes.inside:.2f} more for each nat / px of the inside')
     return LearnedMapEvidence.make(
         _WEIGHTS | {'contour_offset': offset, 'least_weight': _LEAST_WEIGHT,
-                    'evidence_slope': of_evidence, 'odds_slope': of_odds}
+                    'evidence_slope': slopes.evidence, 'odds_slope': slopes.odds,
+                    'inside_slope': slopes.inside}
         | _learned(looked, least, false_alarms, _TOO_LITTLE_OF_MAPS, of_tails=True),
         'the contour map')
 
 
 def _of_map(looked: Sequence[Search], false_alarms: float) -> Thresholds:
     """Of contour maps, where evidence and weight take the place of support."""
-    of_evidence, of_odds = slopes_of(looked, _LEAST_WEIGHT)
-    slopes = round(of_evidence, _DIGITS), round(of_odds, _DIGITS)
+    slopes = SupportSlopes(*(round(each, _DIGITS) for each in slopes_of(looked, _LEAST_WEIGHT)))
     return _thresholds(Supports.from_searches(looked, _LEAST_WEIGHT, slopes), false_alarms,
                        _TOO_LITTLE_OF_MAPS, _LEAST_WEIGHT, slopes)
 
 
 def _thresholds(supports: Supports, false_alarms: float, too_little: float,
-                weight: float = 0.0, slopes: tuple[float, float] = (0.0, 0.0)) -> Thresholds:
+                weight: float = 0.0, slopes: SupportSlopes = NO_SLOPES) -> Thresholds:
     return Thresholds(round(supports.threshold(false_alarms), _DIGITS),
                       round(supports.least_evidence(too_little), _DIGITS), weight, slopes)
 
@@ -215,46 +274,3 @@ def _fields(profile: ContourProfile) -> dict[str, object]:
 def _rounded(tables: NDArray[np.float32]) -> list[list[float]]:
     """Without negative zeros."""
     return [[float(f'{each + 0:.{_DIGITS}f}') for each in row] for row in tables.round(_DIGITS)]
-
-
-def _has_several(capture: Capture) -> SettingsError:
-    return SettingsError(f'{capture.folder} has several views; learn from them with --posed')
-
-
-def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterator[Example]:
-    """An example of each capture. views: side of the square of views used. purpose: of the bar."""
-    for each in track(captures, console=STDERR, description=purpose, transient=True):
-        truth = each.truth
-        region = Region(truth.roi_center, truth.roi_size)
-        labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)
-        yield Example(edge_volume(each.light_field(), labels, views),
-                      ObjectModel.load(each.model), truth.pose, region, not truth.empty)
-
-
-def _views_of(captures: Sequence[Capture]) -> Iterator[ViewsExample]:
-    """An example of each capture of several views. Raises SettingsError for another capture."""
-    for each in track(captures, console=STDERR, description='searches', transient=True):
-        truth, source = each.truth, each.read(None)
-        if not isinstance(source, PosedViews):
-            raise SettingsError(f'{each.folder} has no several views; render them with pmcl '
-                                'scenes render --cameras')
-        model = ObjectModel.load(each.model)
-        settings = PmclSettings(roi_center=truth.roi_center, roi_size=truth.roi_size)
-        evidence = build_evidence(source, DlvSettings(), 'default', 'map',
-                                  apparent_size(model, settings))
-        assert isinstance(evidence, ViewsEvidence)
-        yield ViewsExample(evidence, model, truth.pose, settings, not truth.empty)
-
-
-def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence, purpose: str
-            ) -> Iterator[Example]:
-    """An example of each capture, by its contour map."""
-    for each in track(captures, console=STDERR, description=purpose, transient=True):
-        truth, source = each.truth, each.read(None)
-        if isinstance(source, PosedViews):
-            raise _has_several(each)
-        region = Region(truth.roi_center, truth.roi_size)
-        near, far = region.grown(_LARGEST)
-        settings = DlvSettings.make({'near': near, 'far': far, 'views': views}, str(each.folder))
-        odds = build_map(source, settings, numbers=numbers)
-        yield Example(odds, ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -87,6 +87,12 @@ class JointPosterior:
         """Of the contour of a pose (4, 4) in all views, that of these points."""
         return self.contours.share(pose)
 
+    def inside_at(self, pose: NDArray[np.float64]) -> float:
+        """Mean over views of the log odds that what a pose (4, 4) covers is a solid [nat / px]."""
+        joint = self.contours.joint
+        return float(np.mean([view.inside(np.linalg.inv(camera) @ pose) for view, camera
+                              in zip(joint.views, joint.cameras, strict=True)]))
+
     def known_near(self, pose: NDArray[np.float64]) -> 'KnownMode':
         """The mode next to a pose (4, 4), else one with the nuisances at their nominal values."""
         symmetry = self.model.symmetry

@@ -6,7 +6,7 @@ import yaml
 from command_line import Runner, pmcl
 
 from pmcl_ros.cli import main
-from pmcl_ros.evidence.learned import LearnedProfile
+from pmcl_ros.evidence.learned import LearnedContour, LearnedProfile
 
 
 def test_the_file_holds_what_is_printed(tmp_path):
@@ -40,3 +40,14 @@ def captures_of_several_views(tmp_path_factory):
 def test_captures_of_several_views_are_for_posed(captures_of_several_views, more):
     done = pmcl('learn', captures_of_several_views, *more, status=1)
     assert 'has several views; learn from them with --posed' in done.stderr
+
+
+def test_processes_learn_the_same(tmp_path):
+    pmcl('scenes', 'render', '--views', 3, '--size', 96, '--samples', 1, '--kind', 'opaque',
+         '--count', 4, '--seed', 3, '-o', tmp_path / 'scenes')
+    learned = []
+    for jobs in (1, 2):
+        out = tmp_path / f'{jobs}.yaml'
+        pmcl('learn', tmp_path / 'scenes', '--views', 3, '--jobs', jobs, '--out', out)
+        learned.append(LearnedContour.load(out))
+    assert learned[0] == learned[1]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from textured_planes import views_of_planes
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evidence.learned import learned_views
+from pmcl_ros.evidence.learned import SupportSlopes, learned_views
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
@@ -312,8 +312,9 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
 
 def test_views_of_about_one_place_need_the_support_of_one(context):
     evidence = maps_seen(context, CUP, truth_of(CUP), around([0, 1]), CAMERA)
-    slopes = 0.5, 0.25
-    numbers = NUMBERS.model_copy(update={'evidence_slope': slopes[0], 'odds_slope': slopes[1]})
+    slopes = SupportSlopes(0.5, 0.25, 0.125)
+    numbers = NUMBERS.model_copy(update={
+        f'{name}_slope': value for name, value in slopes._asdict().items()})
     evidence = replace(evidence, views=tuple(
         replace(each, evidence=replace(each.evidence, numbers=numbers))
         for each in evidence.views))
@@ -323,7 +324,9 @@ def test_views_of_about_one_place_need_the_support_of_one(context):
     assert of.slopes(views, slopes)[0] > 0.2 * slopes[0]
     least = Thresholds(of.needed(views, near.disagreement, near.beyond, NUMBERS.least_support),
                        of.least_evidence, slopes=of.slopes(views, slopes))
-    assert near.least_support == pytest.approx(least.needed(near.evidence, near.modes[0].weight))
+    assert near.inside > 0  # in both views
+    assert near.least_support == pytest.approx(
+        least.needed(near.evidence, near.modes[0].weight, near.inside))
     assert found(CUP, evidence, least_support=-2.0).least_support == -2.0
 
 
