@@ -12,13 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of, retract
 from pmcl_ros.lightfield.pose_entry import Rigid
-from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.lightfield.sweep.plan import BASELINES, SweepPlan
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.scene import Scene
 
-_ARC = re.compile(r'arc:(\d{1,3}):(\d{1,3}(?:\.\d*)?)')
-_GRID = re.compile(r'grid:(\d{1,2})x(\d{1,2}):(\d*\.?\d*)')
+_ARC = re.compile(r'arc:(\d{1,9}):(\d{1,9}(?:\.\d*)?)')
+_GRID = re.compile(r'grid:(\d{1,9})x(\d{1,9}):(\d*\.?\d*)')
+_MOST = 99  # rows, and columns, of a grid
 _STANDING = 0.1  # vertical part of a standing sheet's normal, at most
 
 
@@ -49,9 +50,8 @@ class CameraPlan(Settings):
         if self.arc is not None and not (1 <= self.arc[0] <= 360 and 0 <= self.arc[1] <= 360):
             raise ValueError(f'an arc of {self.arc[0]} cameras over {self.arc[1]:g} degrees: 1 to '
                              '360 cameras, 0 to 360 degrees')
-        if self.grid is not None and not (min(self.grid) > 0 and self.grid[0] * self.grid[1] > 1):
-            raise ValueError(f'a grid of {self.grid[0]}x{self.grid[1]} over {self.grid[2]:g} m: '
-                             'at least 2 cameras, a positive width')
+        if self.grid is not None:
+            _check_grid(*self.grid)
         if self.hidden > self.count:
             raise ValueError(f'{self.hidden} hidden views of {self.count}: set hidden to '
                              f'{self.count} at most')
@@ -107,6 +107,16 @@ class CameraPlan(Settings):
         own = np.sqrt(1 - self.common) * rng.normal(size=(len(cameras), 6))
         errors = retract(np.tile(np.eye(4), (len(cameras), 1, 1)), sigma * (shared + own))
         return np.asarray(cameras @ errors)
+
+
+def _check_grid(rows: int, columns: int, width: float) -> None:
+    """Raise ValueError for what is no grid of cameras."""
+    least, most = BASELINES
+    if not (rows > 0 and columns > 0 and 1 < max(rows, columns) <= _MOST
+            and least <= width / (max(rows, columns) - 1) <= most):
+        raise ValueError(
+            f'a grid of {rows}x{columns} over {width:g} m: at least 2 cameras, 1 to {_MOST} rows '
+            f'and columns, and neighbours {least:.5f} to {most:g} m apart')
 
 
 def _arc(scene: Scene, count: int, degrees: float) -> NDArray[np.float64]:

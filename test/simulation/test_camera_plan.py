@@ -62,7 +62,11 @@ def test_the_errors_are_those_that_were_asked_for(scene):
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('arc:0:60', '1 to 360 cameras'), ('arc:3:400', '0 to 360 degrees'),
-    ('grid:1x1:0.1', 'at least 2 cameras'), ('grid:2x2:0', 'a positive width'),
+    ('arc:30:3000', r'an arc of 30 cameras over 3000 degrees: .*, 0 to 360 degrees'),
+    ('arc:3000:30', 'an arc of 3000 cameras over 30 degrees: 1 to 360 cameras'),
+    ('grid:1x1:0.1', 'at least 2 cameras'), ('grid:2x2:0', 'neighbours 0.00001 to'),
+    ('grid:3x3:100', r'a grid of 3x3 over 100 m: .* neighbours 0.00001 to 10 m apart'),
+    ('grid:3x100:0.1', r'a grid of 3x100 over 0.1 m: .* 1 to 99 rows and columns'),
     ('circle:3', 'expected arc:COUNT:DEGREES'), ('grid:2x2:.', 'expected arc')])
 def test_another_plan_is_refused_in_one_line(text, message):
     with pytest.raises(SettingsError, match=message) as caught:
