@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
 
+from pmcl_ros.evaluation.named_log import log_named
 from pmcl_ros.evaluation.trials import Camera, Job, Trial, Worker
 from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.runtime.errors import PmclError
@@ -26,6 +27,7 @@ def run_jobs(jobs: Sequence[Job], camera: Camera | None, processes: int,
     stopped: asked again and again; once it is true the iterator ends. Searches that are under way
     then, or when the iterator is closed, are stopped and not counted. (A KeyboardInterrupt that
     comes in the middle of a compiled loop would leave it with another exception.)
+    Messages of the log begin with the name of the capture.
     Raises SettingsError for a row's impossible settings. A capture that fails is logged, and the
     others go on; after them PmclError says which failed.
     """
@@ -91,7 +93,8 @@ def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
 def _outcome(worker: Worker, job: Job) -> Trial | PmclError | None:
     """None: it was stopped."""
     try:
-        return worker.run(job)
+        with log_named(job.capture.name):
+            return worker.run(job)
     except PmclError as error:
         return error
 

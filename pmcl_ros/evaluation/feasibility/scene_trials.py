@@ -11,6 +11,7 @@ import numpy as np
 
 from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
+from pmcl_ros.evaluation.named_log import log_named
 from pmcl_ros.evaluation.trials import Trial, evidence_beside_truth
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.lytro.calibration import Calibration
@@ -35,13 +36,15 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
     `distance`, of the object from the camera of the first set [m]; `across_mm`, the error across
     the line of sight; `gap`, evidence of the pose found less that of the true one [nat]; `truth`,
     (12,) the true pose in the frame of `pose`; `picture`, the number of the picture whose frame
-    that is. Raises OutputError where trials.json is not of an earlier run, unless `force`.
+    that is. Messages of the log begin with scene and set. Raises OutputError where trials.json is
+    not of an earlier run, unless `force`.
     """
     kept = _whole(folder)
     if left := missing(folder, sets):
         source, truth = read_scene(folder), Truth.load(folder / 'truth.json')
         for each in left:
-            kept[each.name] = _trial(source, truth, model, each, int(folder.name))
+            with log_named(f'{folder.name}, {each.name}'):
+                kept[each.name] = _trial(source, truth, model, each, int(folder.name))
             with Results(folder, 'feasibility', force) as out:
                 write_file(out.path(NAME), json.dumps(
                     {name: asdict(trial) for name, trial in kept.items()}, indent=1) + '\n')

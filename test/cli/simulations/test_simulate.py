@@ -189,7 +189,7 @@ def test_made_anew_by_two_processes_it_has_the_digits_of_one(tumbler: Path) -> N
     assert all(after > before for before, after in zip(*times, strict=True))
 
 
-def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
+def test_one_view_alone_needs_no_arm(tumbler: Path, caplog: pytest.LogCaptureFixture) -> None:
     """It is judged by where its camera was, not by where an arm of many errors tells it was."""
     plan = tumbler.with_name('plan.yaml')
     plan.write_text(yaml.safe_dump({'arc': [2, 30], 'sigma_mm': 50.0}))
@@ -197,6 +197,8 @@ def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
     made = run(tumbler, 'feasibility', '--renderer', 'fast', '--samples', '2', '--cameras',
                str(plan), '--scenes', '1', '-o', str(out))
     assert made.exit_code == 0, made.output
+    told, = caplog.messages
+    assert told.startswith('000000, two views over 30 degrees: lost, ')
     scene = out / 'scenes' / '000000'
     truth = json.loads((scene / 'truth.json').read_text())
     source = read_source(scene)
