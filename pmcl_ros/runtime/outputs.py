@@ -15,12 +15,15 @@ from pmcl_ros.runtime.text_file import read_json
 _NOTE = '.pmcl_results.json'
 
 
-def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
-    """Raise OutputError, which names the first of `paths` that is there, unless `force`."""
+def refuse_existing(paths: Iterable[Path], force: bool = False,
+                    remedy: str = 'give another name, or --force to overwrite it') -> None:
+    """Raise OutputError, which names the first of `paths` that is there, unless `force`.
+
+    remedy: the end of its line.
+    """
     for path in () if force else paths:
         if _is_there(path):
-            raise OutputError(f'{path} is there already: give another name, or --force to '
-                              'overwrite it')
+            raise OutputError(f'{path} is there already: {remedy}')
 
 
 @contextmanager

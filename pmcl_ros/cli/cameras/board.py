@@ -111,7 +111,8 @@ def board_poses(pictures: Path, camera: Path, corners: str | None, ring: str | N
     that is there (--force) what it says beside, as masks, is kept.
     """
     path = pictures / posed_views.NAME
-    refuse_existing([path], force)
+    refuse_existing([path], force, 'say --force to write it anew; what it says beside the camera '
+                    'and its poses, as masks, is kept')
     earlier = read_earlier(path)
     printed, of = board_of(corners, ring, square), OrdinaryCamera.load(camera)
     name = camera.stem

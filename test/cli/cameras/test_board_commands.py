@@ -217,6 +217,17 @@ def test_another_principal_point_is_told(boards, camera, tmp_path):
     assert [int(each) for each in told.groups()] == pytest.approx([-40, 30], abs=5)
 
 
+def test_a_list_that_is_there_is_told_with_what_force_keeps(tmp_path):
+    """Its name is given: another one cannot be asked for."""
+    (tmp_path / 'views.yaml').touch()
+    (tmp_path / 'camera.yaml').touch()
+    done = pmcl('board-poses', tmp_path, '--camera', tmp_path / 'camera.yaml', '--corners', '6x5',
+                '--square', 0.012, status=1)
+    assert done.stderr == (
+        f'Error: {tmp_path / "views.yaml"} is there already: say --force to write it anew; what '
+        'it says beside the camera and its poses, as masks, is kept\n')
+
+
 def test_pictures_without_a_board_are_left_out_and_none_is_an_error(placed, camera, tmp_path):
     capture, pictures, _ = placed
     blank = cv2.imread(str(capture / '000.png'))
