@@ -28,9 +28,8 @@ from pmcl_ros.lightfield.readers.pictures import (
 )
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry, SweepFolder
 from pmcl_ros.lightfield.sweep.frame import Lens, warn_distorted
-from pmcl_ros.runtime.errors import FileError, LightFieldError, told_as
+from pmcl_ros.runtime.errors import LightFieldError, told_as
 from pmcl_ros.runtime.settings import Settings
-from pmcl_ros.runtime.text_file import read_yaml_file
 
 NAME = 'views.yaml'
 _LOG = logging.getLogger(__name__)
@@ -98,14 +97,6 @@ class ViewEntry(Settings):
     def is_light_field(self) -> bool:
         """Whether the file is a light field, with a camera of its own."""
         return self.file.lower().endswith(_NPZ)
-
-
-def has_views(path: Path) -> bool:
-    """Whether a YAML file lists views, whatever its name."""
-    try:
-        return 'views' in read_yaml_file(path)
-    except FileError:
-        return False
 
 
 class ViewsFile(Settings):

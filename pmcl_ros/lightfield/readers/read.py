@@ -18,12 +18,14 @@ from pmcl_ros.lightfield.readers import (
 from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.text_file import read_yaml_file
 
 Source = LightField | PosedView | PosedViews  # what an object is looked for in
 
 _LOG = logging.getLogger(__name__)
 _NPZ, _YAML = '.npz', ('.yaml', '.yml')
+_KEYS = {posed_views.NAME: 'views', sweep_folder.NAME: 'frames'}  # of lists of pictures
 
 
 def read_source(path: Path | str, every: int = 1, shrink: int = 1,
@@ -117,15 +119,25 @@ def _views_file(path: Path, metric: Metric | None, masks: Path | None
             else transforms.load(of_tools, metric))
 
 
-def _views_yaml(path: Path) -> Path | None:
-    """The views.yaml that a path names, if it does; as a file it may have another name."""
-    yaml = path / posed_views.NAME if path.is_dir() else path
+def _list_at(path: Path, name: str) -> Path | None:
+    """The list of pictures of a kind, as `name` is, that a path names, if it does.
+
+    As a file it may have another name: its key tells what it is.
+    """
+    yaml = path / name if path.is_dir() else path
     if yaml.suffix.lower() not in _YAML or not yaml.is_file():
         return None
-    light_field = yaml.name in (folder.NAME, sweep_folder.NAME)
-    if yaml.name == posed_views.NAME or (not light_field and posed_views.has_views(yaml)):
-        return yaml
-    return None
+    if yaml.name in (folder.NAME, *_KEYS):
+        return yaml if yaml.name == name else None
+    try:
+        return yaml if _KEYS[name] in read_yaml_file(yaml) else None
+    except FileError:
+        return None
+
+
+def _views_yaml(path: Path) -> Path | None:
+    """The views.yaml that a path names, if it does; as a file it may have another name."""
+    return _list_at(path, posed_views.NAME)
 
 
 def _transforms(path: Path) -> Path | None:
@@ -142,8 +154,8 @@ def _transforms(path: Path) -> Path | None:
 
 def _sweep_of_views(path: Path) -> Path | None:
     """The sweep.yaml that a path names, where it is read as posed views."""
-    yaml = path / sweep_folder.NAME if path.is_dir() else path
-    if yaml.name != sweep_folder.NAME or not yaml.is_file():
+    yaml = _list_at(path, sweep_folder.NAME)
+    if yaml is None:
         return None
     others = posed_views.NAME, folder.NAME
     if path.is_dir() and any((path / each).is_file() for each in others):
@@ -164,7 +176,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1) -> Light
     path: an NPZ file as `pmcl decode` writes, or the folder with it (views.npz); a folder of
         pictures with light_field.yaml (or that file), see `folder.GridSettings`; one of a moved
         camera's pictures with sweep.yaml (or that file), see `sweep_folder.SweepFolder`; a scene's
-        folder of the 4D Light Field Benchmark (parameters.cfg).
+        folder of the 4D Light Field Benchmark (parameters.cfg). Files may have other names.
     every, shrink: take each `every`-th view, make `shrink` x `shrink` pixels one.
     The stamp is the modification time of `path`.
     Raises LightFieldError or SettingsError saying which file is wrong, and how.
@@ -180,7 +192,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1) -> Light
         return _read_folder(path, header, reduction)
     if path.suffix.lower() == _NPZ:
         return read_npz(path, header, reduction)
-    if path.name == sweep_folder.NAME:
+    if _list_at(path, sweep_folder.NAME) is not None:
         return sweep_folder.read_sweep(path, header, reduction)
     if path.suffix.lower() in _YAML:
         return folder.read_folder(path, header, reduction)

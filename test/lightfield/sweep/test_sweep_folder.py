@@ -1,5 +1,6 @@
 """A folder of pictures and poses is a light field for every command."""
 
+import shutil
 from dataclasses import replace
 
 import cv2
@@ -54,7 +55,8 @@ def test_frames_from_around_an_object_are_posed_views(tmp_path, angles, caplog):
         poses.append(pose)
     frames = [frame(f'{number}', pose, LENS) for number, pose in enumerate(poses)]
     write_sweep(tmp_path, frames, SETTINGS.model_copy(update={'shrink': 2}))
-    for source in (tmp_path, tmp_path / 'sweep.yaml'):
+    shutil.copy(tmp_path / 'sweep.yaml', tmp_path / 'monday.yml')
+    for source in (tmp_path, tmp_path / 'sweep.yaml', tmp_path / 'monday.yml'):
         assert has_posed_views(source)
         caplog.clear()
         found = read_source(source)
@@ -102,7 +104,8 @@ def test_a_grid_that_is_declared_posed_is_read_as_posed_views(tmp_path, caplog):
 def test_it_is_read_as_it_was_taken(folder):
     path, frames = folder
     expected = assemble(frames, SETTINGS, '').light_field
-    for source in (path, path / 'sweep.yaml'):
+    shutil.copy(path / 'sweep.yaml', path / 'monday.yaml')
+    for source in (path, path / 'sweep.yaml', path / 'monday.yaml'):
         assert is_light_field(source)
         found = read_light_field(source)
         assert found.header.stamp_ns == source.stat().st_mtime_ns
