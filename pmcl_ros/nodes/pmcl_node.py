@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseArray
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
@@ -129,6 +130,9 @@ class PmclNode(StageNode):
             self._input = EvidenceInput(self, self._settings, self._on_evidence,
                                         both=self._settings.searches_again)
             AwaitedInputs(self, self._input.ways)
+            if self._settings.mode != 'faithful':  # which takes their volume
+                self._told_source = False
+                self.subscribe(PoseArray, 'posed_views/poses', self._on_excluded, SMALL)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
         self._of_views.start()
@@ -165,6 +169,13 @@ class PmclNode(StageNode):
         if isinstance(evidence, PosedViews):
             self._of_views.on_views(evidence)
         self._search(evidence)
+
+    def _on_excluded(self, _: PoseArray) -> None:
+        self.health.count('posed views that source excludes')
+        if not self._told_source:
+            self._told_source = True
+            self.get_logger().warning('posed views have come, which source light_field excludes: '
+                                      'set source to posed_views to search in them')
 
     def _again(self) -> str:
         if self._last is None:

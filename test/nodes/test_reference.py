@@ -53,8 +53,9 @@ INSTALLED = [each for each in OPTIONAL if find_spec(each.type.partition('/')[0])
 
 # Topics to which a node subscribes in other circumstances.
 # dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map, or auto
-# without tracking; posed_views: in place of all these.
-CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map', *PRESETS['posed_views'])}
+# without tracking; posed_views: in place of all these. Their poses tell what source excludes.
+CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map', *(
+    each for each in PRESETS['posed_views'] if each != 'posed_views/poses'))}
 
 
 @pytest.fixture(params=ALL, ids=lambda entry: entry.name)

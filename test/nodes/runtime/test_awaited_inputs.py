@@ -1,8 +1,8 @@
 """A node tells what it waits for: which topic, who publishes there and why that is not heard."""
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseArray, PoseStamped
 from harness import ACTIVATE, CONFIGURE, DEACTIVATE, ROOT, Process
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
@@ -83,6 +83,18 @@ def test_a_publisher_that_is_silent_is_no_fault(node, user, small_edges):
     edges.publish(Float32MultiArray())
     user.wait(lambda: last(told)[0] == DiagnosticStatus.ERROR, 'the refusal')
     assert last(told)[1].startswith('dlv/edges: ')
+
+
+def test_posed_views_that_a_search_in_light_fields_excludes_are_told_once(node, user):
+    """As of a bag that is replayed: the node that waits is said how to take them."""
+    process, told = node('pmcl_node')
+    poses = user.publisher(PoseArray, 'posed_views/poses', SMALL)
+    for stamp in (7, 8):
+        poses.publish(PoseArray(header=header_to_message(Header(stamp, 'base'))))
+    excluded = KeyValue(key='posed views that source excludes', value='2')
+    user.wait(lambda: told and excluded in told[-1].status[0].values, 'the count')
+    assert process.log.count('posed views have come, which source light_field excludes: set '
+                             'source to posed_views') == 1
 
 
 def test_what_is_awaited_gives_way_to_what_comes(node, user, small_light_field):
