@@ -53,7 +53,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     """Measure a vessel that SOURCE, posed views, shows, and write it as an object to look for.
 
     It is a surface of revolution, which stands alone in free view. Its outline is marked by --box
-    or --points, or else in a window.
+    or --points, or else in a window: without a screen one of the two is needed.
     """
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.UsageError(f'-o {out}: give the name of an object YAML, as glass.yaml')

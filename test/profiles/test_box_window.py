@@ -154,6 +154,8 @@ def test_without_a_screen_the_options_are_asked_for(monkeypatch, tmp_path):
     found = Runner().invoke(main, ['profile', str(tmp_path), '-o', str(tmp_path / 'glass.yaml')])
     assert found.exit_code == 2
     assert '--box or --points; there is no screen' in found.output.replace('\n', ' ')
+    told = ' '.join(Runner().invoke(main, ['profile', '--help']).output.split())
+    assert '--box or --points, or else in a window: without a screen one of the two' in told
 
 
 def test_a_back_end_without_windows_is_no_screen(monkeypatch):
