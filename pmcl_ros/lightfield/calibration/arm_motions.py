@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, local
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
@@ -19,6 +19,8 @@ OTHERWISE = (
     'link in the base (not of the base in the link), are the poses those of these pictures, did '
     'the board stay as it was, and is --fixed-camera given for a camera beside the arm, and only '
     'for it?')
+_CLEARLY = 3.0  # times: by so much motions fit better of a camera on the arm, or beside it
+_REACH = 0.5  # m: of a board, at which turns and shifts count together
 _ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
 _CLEAR_SCALE = 0.004, 5.0  # share, standard deviations: what a ruler does not tell is no mistake
@@ -50,6 +52,26 @@ def motions(mounts: NDArray[np.float64], seen: NDArray[np.float64]
     """(k, 4, 4) motions of mount and board between all pairs of pictures, see `park_martin`."""
     first, second = np.triu_indices(len(mounts), 1)
     return inverse(mounts[second]) @ mounts[first], seen[second] @ inverse(seen[first])
+
+
+def fits_inverses(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> bool:
+    """Whether boards fit the inverses of the mount's poses much better than these.
+
+    So they do where a camera beside the arm is taken for one on it, or the other way round.
+    mounts, seen: as of `park_martin`.
+    """
+    return _misfit(mounts, seen) > _CLEARLY * _misfit(inverse(mounts), seen)
+
+
+def _misfit(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> float:
+    """Median distance of motions by the boards from the arm's [m]; infinite for no closed form."""
+    try:
+        camera = park_martin(mounts, seen)
+    except LightFieldError:
+        return np.inf
+    moved, turned = motions(mounts, seen)
+    off = np.linalg.norm(local(moved @ camera, camera @ turned).reshape(-1, 2, 3), axis=2)
+    return float(np.median(off @ [1, _REACH]))
 
 
 def mismatch(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> str:

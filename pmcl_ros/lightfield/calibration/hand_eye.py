@@ -19,6 +19,7 @@ from pmcl_ros.geometry.se3 import inverse, local, retract
 from pmcl_ros.geometry.sheet_pose import sheet_poses
 from pmcl_ros.lightfield.calibration.arm_motions import (
     OTHERWISE,
+    fits_inverses,
     mismatch,
     motions,
     park_martin,
@@ -86,8 +87,9 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
     rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
     Raises LightFieldError for fewer than `FEWEST` pictures, where more than a quarter do not fit,
     where all rotations of the arm have one axis: they do not tell where the camera is; and where
-    the arm turned otherwise than the boards, or moved by a multiple of what they say. Logs a
-    warning where it moved by a few per cent more or less than they say.
+    the arm turned otherwise than the boards, as of a camera that is beside the arm and not on it,
+    or moved by a multiple of what they say. Logs a warning where it moved by a few per cent more
+    or less than they say.
     """
     for each in pictures:
         check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
@@ -115,6 +117,12 @@ def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
         names = ', '.join(left_out[:8]) + ', ...' * (len(left_out) > 8)
         raise LightFieldError(f'in {len(left_out)} of {len(left_out) + len(kept)} pictures '
                               f'({names}) {OTHERWISE}')
+    if fits_inverses(*_arm_and_boards(kept, boards, fixed)):
+        place = 'on the arm (without' if fixed else 'beside the arm (with'
+        raise LightFieldError(
+            'the arm turned otherwise than the boards in the pictures, but as they did for a '
+            f'camera {place} --fixed-camera): is it there, or is mount_to_base the pose of the '
+            'base in the link? It must be that of the link in the base')
     while True:
         _check(kept, left_out)
         chances = _chances(kept, boards, sigma, fixed)

@@ -233,9 +233,11 @@ def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
     inverted = [replace(each, mount_to_base=inverse(each.mount_to_base)) for each in arm.pictures]
     shuffled = [replace(each, mount_to_base=other.mount_to_base) for each, other in zip(
         arm.pictures, arm.pictures[::-1], strict=True)]
-    for pictures, fixed_camera in ((inverted, fixed), (shuffled, fixed),
-                                   (arm.pictures, not fixed)):
-        with pytest.raises(LightFieldError, match='the arm turned otherwise than the boards'):
+    with pytest.raises(LightFieldError, match='the arm turned otherwise than the boards'):
+        hand_eye(shuffled, arm.board, arm.pinhole, None, fixed)
+    for pictures, fixed_camera in ((inverted, fixed), (arm.pictures, not fixed)):
+        told = 'on the arm (without' if fixed_camera else 'beside the arm (with'
+        with pytest.raises(LightFieldError, match=re.escape(f'for a camera {told} --fixed')):
             hand_eye(pictures, arm.board, arm.pinhole, None, fixed_camera)
     for factor in (1000, 1.5):
         scaled = [replace(each, mount_to_base=each.mount_to_base * np.reshape(
@@ -245,6 +247,27 @@ def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
         size = str(refused.value).split()[7]
         assert float(size) == pytest.approx(factor, rel=0.05)
         assert 'e' not in size
+
+
+@pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
+def test_few_turns_about_two_axes_tell_whether_the_camera_is_on_the_arm(fixed):
+    """Most about one axis: these fit either way, and the camera was half a metre off."""
+    arm = simulated_arm(np.random.default_rng(1))
+    placed, pictures = transform([0.5, 0.2, 0.1], [0.1, 0.2, 0.3]), []
+    rng = np.random.default_rng(2)
+    for number, angles in enumerate([(-30, 0), (-15, 0), (0, 0), (15, 0), (30, 0), (30, 30),
+                                     (20, -30), (30, 25)]):
+        turn = Rotation.from_euler('xy', angles, degrees=True)
+        seen = pose_of(turn, [0, 0, 0.5] - turn.apply(arm.board.mean(axis=0))
+                       + rng.normal(0, 0.02, 3))
+        mount = placed @ inverse(arm.camera @ seen)
+        pictures.append(BoardPicture(
+            str(number), arm.pinhole.project(arm.board @ seen[:3, :3].T + seen[:3, 3]),
+            inverse(mount) if fixed else mount))
+    found = hand_eye(pictures, arm.board, arm.pinhole, None, fixed)
+    np.testing.assert_allclose(found.camera, arm.camera, atol=1e-6)
+    with pytest.raises(LightFieldError, match='is it there, or is mount_to_base the pose of the'):
+        hand_eye(pictures, arm.board, arm.pinhole, None, not fixed)
 
 
 @pytest.mark.parametrize('seed', range(6))
