@@ -13,7 +13,7 @@ import numpy as np
 from pmcl_ros.evidence.posed_evidence import AssumedCameras, ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import PairFit, adjust_cameras, pair_fits
 from pmcl_ros.lightfield.features import MATCHED, Features, features_of
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.camera_errors import CLEARLY_LARGER, CameraErrors, CameraScale
 from pmcl_ros.pmcl.multi_view.found import Found
@@ -31,6 +31,7 @@ _SCALE = 0.01  # share by which their distances, or the mesh, are then taken to 
 _MOST_OFF = 3.0  # times as much: of an arm that is not good; by more, something else is wrong
 _DOUBTFUL = 0.5  # share of what is possible of bad arms, by which a lost object's are in doubt
 _FOCAL = 600.0  # px: of pictures of 640x480, in which a good arm's errors are about a pixel
+_EXCHANGED = 'are cx and cy of the camera exchanged? The other way round'
 _SAME = 1e-9  # m: poses that are equal
 _Search = Callable[[ViewsEvidence], Found]
 
@@ -186,10 +187,29 @@ def _misfit(evidence: ViewsEvidence, pictures: PosedViews, features: Sequence[Fe
     if not pairs:
         _LOG.info('lost, and too few features match between pictures to check the camera poses')
         return None
-    given, *others = np.median([each.distances for each in pairs], axis=0)
-    questions = [f'{question} {distance:.1f} px' for (question, _), distance
-                 in zip(mended, others, strict=True) if distance <= MATCHED < given]
-    return _Misfit(max(pairs, key=lambda pair: pair.excess), questions[0] if questions else '')
+    exchanged = pair_fits(pictures.views, [
+        _exchanged(*each) for each in zip(pictures.views, features, strict=True)],
+        [evidence.poses])
+    given, *others = _medians(pairs)
+    tried = [*zip(others, (question for question, _ in mended), strict=True),
+             *((each, _EXCHANGED) for each in _medians(exchanged))]
+    least, question = min(tried)
+    explains = least <= min(MATCHED, given / 2)
+    return _Misfit(max(pairs, key=lambda pair: pair.excess),
+                   f'{question} {least:.1f} px' if explains and given > MATCHED else '')
+
+
+def _medians(pairs: Sequence[PairFit]) -> list[float]:
+    """The distance by each of the cameras [px]; none of no pairs."""
+    return [float(np.median(each)) for each in zip(*(each.distances for each in pairs),
+                                                   strict=True)]
+
+
+def _exchanged(view: PosedView, features: Features) -> Features:
+    """Features of a view as of a camera whose cx and cy are exchanged."""
+    off = view.pinhole.cx - view.pinhole.cy
+    shift = np.array([off / view.pinhole.fx, -off / view.pinhole.fy, 0])
+    return features._replace(rays=features.rays + shift)
 
 
 def _uncertain(evidence: ViewsEvidence, lost: Found, search: _Search

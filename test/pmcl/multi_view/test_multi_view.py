@@ -656,6 +656,21 @@ def test_cameras_that_are_far_from_the_surroundings_are_told(context, caplog, to
     assert f'px off their epipolar lines; {asked}' in caplog.text
 
 
+def test_exchanged_principal_points_of_a_lost_object_are_told(context, caplog):
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    evidence = maps_seen(context, CUP, truth, cameras)
+    evidence = replace(evidence, views=tuple(
+        replace(each, view=replace(view, pinhole=replace(
+            view.pinhole, cx=view.pinhole.cy, cy=view.pinhole.cx)))
+        for each, view in zip(evidence.views, views_of_planes(cameras), strict=True)))
+    lost = Found(PoseEstimate(evidence.header, truth, np.eye(6), np.eye(4)[None], np.zeros(1),
+                              1.0, True, 'default'), (), np.zeros((0, 4, 4)), (), 1.0)
+    tried, _ = second_hypothesis(evidence, lost, lambda _: lost)
+    assert tried.estimate.lost
+    assert ('px off their epipolar lines; are cx and cy of the camera exchanged? The other way '
+            'round 0.0 px') in caplog.text
+
+
 def test_what_is_around_an_object_that_is_not_there_fits_right_cameras(context, caplog):
     cameras = around([-20, 0, 20])
     evidence = seen_by_others(maps_seen(context, CUP, truth_of(CUP), cameras), cameras,
