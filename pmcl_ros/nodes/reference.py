@@ -4,7 +4,6 @@
 """
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from textwrap import fill
@@ -26,11 +25,10 @@ from pmcl_ros.nodes.graph import (
     NodeEntry,
 )
 from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
-from pmcl_ros.runtime.settings import default_of
+from pmcl_ros.runtime.settings import default_of, units_of
 
 _WIDTH = 99  # characters of a line of config/pmcl.yaml
 _HARD = '\xa0'  # a space that ends no line
-_UNIT = re.compile(r'\[([^\[\]:]+)\]')  # in a description; an address's [:PORT] is none
 
 # What of config/pmcl.yaml is not a default: the camera, object and region of bags/wine_glass.
 _SHIPPED: dict[str, dict[str, Any]] = {
@@ -165,7 +163,7 @@ def _text(value: Any) -> str:
 def _unit(field: FieldInfo) -> str:
     if ros_type(field).name.removesuffix('_ARRAY') not in ('INTEGER', 'DOUBLE'):
         return ''
-    return ', '.join(dict.fromkeys(_UNIT.findall(field.description or '')))
+    return ', '.join(units_of(field))
 
 
 def _range(field: FieldInfo) -> str:

@@ -5,6 +5,7 @@ declarations, the YAML check, the command line's help and docs/reference.md.
 """
 
 import json
+import re
 import reprlib
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -24,6 +25,8 @@ T = TypeVar('T', bound='Settings')
 
 _NAMED = 5  # fields that one line names
 _FEW_KEYS = 20  # of a group, which one line lists
+_UNIT = re.compile(r'\[([^\[\]:]+)\]')  # in a description; an address's [:PORT] is none
+_LIMITS = 'greater_than', 'greater_than_equal', 'less_than', 'less_than_equal'
 
 
 def _odd(value: int) -> int:
@@ -96,8 +99,24 @@ def _known(error: ErrorDetails, model: type[BaseModel] | None) -> str:
             if 0 < len(keys) <= _FEW_KEYS and not _alike(error, keys) else '')
 
 
+def units_of(field: FieldInfo) -> list[str]:
+    """Those that the description of a field names, as `[m]`."""
+    return [*dict.fromkeys(_UNIT.findall(field.description or ''))]
+
+
+def _unit(error: ErrorDetails, model: type[BaseModel] | None) -> str:
+    """That of a limit which a value is beyond, after a space; '' where the field has not one."""
+    names = [*error['loc']]
+    while names and isinstance(names[-1], int):
+        names.pop()
+    owner = _model_at(model, names[:-1]) if names and error['type'] in _LIMITS else None
+    field = None if owner is None else owner.model_fields.get(str(names[-1]))
+    units = [] if field is None else units_of(field)
+    return f' {units[0]}' if len(units) == 1 and units[0] != '1' else ''
+
+
 def _line(error: ErrorDetails, model: type[BaseModel] | None) -> str:
-    message = error['msg'].removeprefix('Value error, ')
+    message = error['msg'].removeprefix('Value error, ') + _unit(error, model)
     if error['type'] == 'extra_forbidden':
         message = 'there is no such key' + ''.join(
             f'; did you mean {each}?' for each in _alike(error, _keys(error, model)))

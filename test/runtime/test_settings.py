@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
 from hypothesis import given
@@ -20,6 +20,14 @@ from pmcl_ros.runtime.settings import Settings, read_yaml
 
 class Inner(Settings):
     size: float = Field(gt=0)
+
+
+class Lengths(Settings):
+    near: float = Field(0.3, ge=0.01, le=100, description='depth of the nearest label [m]')
+    share: float = Field(0.5, le=1, description='of the pixels [1]')
+    sigma: float = Field(0.0, ge=0, description='of the position [mm] and the rotation [deg]')
+    sides: tuple[Annotated[float, Field(le=10)], ...] = Field((), description='of a box [m]')
+    others: list['Lengths'] = Field([], description='alike')
 
 
 class Example(Settings):
@@ -101,6 +109,19 @@ def test_errors_name_source_field_and_value(values, lines):
     with pytest.raises(SettingsError) as caught:
         Example.make(values, 'the source')
     assert str(caught.value) == 'the source: ' + '; '.join(lines)
+
+
+@pytest.mark.parametrize(('values', 'line'), [
+    ({'near': 300}, 'near: Input should be less than or equal to 100 m (got 300)'),
+    ({'sides': [1, 160]}, 'sides.1: Input should be less than or equal to 10 m (got 160)'),
+    ({'others': [{}, {'near': 0}]},
+     'others.1.near: Input should be greater than or equal to 0.01 m (got 0)'),
+    ({'share': 50}, 'share: Input should be less than or equal to 1 (got 50)'),
+    ({'sigma': -1}, 'sigma: Input should be greater than or equal to 0 (got -1)')])
+def test_a_limit_has_its_unit(values, line):
+    with pytest.raises(SettingsError) as caught:
+        Lengths.make(values, 'the source')
+    assert str(caught.value) == f'the source: {line}'
 
 
 def test_an_error_in_a_file_names_the_file(path):

@@ -40,7 +40,7 @@ def test_a_calibration_survives_its_file(truths, tmp_path):
     (0, '{}', "capture.json.*KeyError.'camera'"),
     (1, '{}', "capture.json.*KeyError.'lattice'"),
     (0, json.dumps({'camera': {**CAMERA, 'fy': 0}}),
-     r'capture.json.*fy: .* greater than 1 \(got 0\)'),
+     r'capture.json.*fy: .* greater than 1 px \(got 0\)'),
     (1, '{', 'white.json is not valid JSON: Expecting'),
     (1, '[' * 100_000, 'white.json is not valid JSON: maximum recursion'),
     (1, '[]', 'white.json holds list, expected a mapping'),
@@ -68,14 +68,14 @@ def test_the_shipped_calibration():
 @pytest.mark.parametrize(('change', 'reason'), [
     ({'focal': 1}, 'focal: there is no such key'),
     ({'fx': None}, 'fx: Input should be a valid number .got None'),
-    ({'fx': 0}, 'fx: .*greater than 1 .got 0'),
-    ({'baseline': 0}, 'baseline: .*greater than 0 .got 0'),
-    ({'baseline': 0.74}, 'baseline: .*less than 0.1 .got 0.74'),  # millimetres
-    ({'focus_distance': -1}, 'focus_distance: .*greater than 0 .got -1'),
-    ({'width': 3280}, 'width: .*less than or equal to 2000 .got 3280'),
+    ({'fx': 0}, 'fx: .*greater than 1 px .got 0'),
+    ({'baseline': 0}, 'baseline: .*greater than 0 m .got 0'),
+    ({'baseline': 0.74}, 'baseline: .*less than 0.1 m .got 0.74'),  # millimetres
+    ({'focus_distance': -1}, 'focus_distance: .*greater than 0 m .got -1'),
+    ({'width': 3280}, 'width: .*less than or equal to 2000 px .got 3280'),
     ({'cx': float('nan')}, 'cx: .*finite number .got nan'),
     ({'lattice': {}}, 'lattice.pitch_px: Field required; lattice.row_step_px: Field required'),
-    ({'lattice': {**LATTICE, 'rotation': 90}}, 'lattice.rotation: .*less than 0.5 .got 90'),
+    ({'lattice': {**LATTICE, 'rotation': 90}}, 'lattice.rotation: .*less than 0.5 rad .got 90'),
     ({'lattice': {**LATTICE, 'centre_px': [1]}}, r'lattice.centre_px: number 2 is missing'),
 ])
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
