@@ -166,13 +166,16 @@ class LearnedViews(Settings):
     least_evidence: float = Field(
         description='mean evidence of all contours below which the object is lost [nat / px]')
     least_support: float = Field(
-        description='support below which it is, where views agree perfectly [nat / px]')
+        description='support below which it is, where the numbers of the slopes are 0 [nat / px]')
     support_slope: float = Field(
         ge=0, description='by how much more support is needed for each unit of '
         'log(1 + disagreement) [nat / px]')
     beyond_slope: float = Field(
         ge=0, description='by how much more for each nat / px of evidence beyond the '
         'contours [1]')
+    inside_slope: float = Field(
+        0.0, ge=0, description='by how much more for each nat / px of the mean log odds of solids '
+        'that the object covers [1]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '
         'before views are compared [1]')
@@ -206,11 +209,10 @@ class LearnedViews(Settings):
             self.error_views + views - 1)
 
     def needed(self, views: float, disagreement: float, beyond: float, alone: float) -> float:
-        """The support below which an object is lost [nat / px].
+        """The support below which an object is lost, but for `slopes` [nat / px].
 
         views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
-        alone: `least_support` of one view; views of about one place need it too, changed by
-        `slopes`.
+        alone: `least_support` of one view; views of about one place need it too.
         Views of a wrong pose disagree, as each sees something else there, and beyond its contours
         are those of what is there.
         """
@@ -222,10 +224,12 @@ class LearnedViews(Settings):
     def slopes(self, views: float, alone: SupportSlopes) -> SupportSlopes:
         """How the support that is needed depends on other numbers of a pose.
 
-        views: as of `needed`. alone: of one view. In independent views it does not.
+        views: as of `needed`. alone: of one view.
         """
         alike = _alike(views)
-        return SupportSlopes(*(alike * each for each in alone))
+        together = SupportSlopes(inside=self.inside_slope)
+        return SupportSlopes(*(alike * one + (1 - alike) * several
+                               for one, several in zip(alone, together, strict=True)))
 
 
 def _alike(views: float) -> float:

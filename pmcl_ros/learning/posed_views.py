@@ -77,7 +77,7 @@ class ViewsDeviation:
 
 @dataclass(frozen=True)
 class ViewsSearch:
-    """One search, as `searches.Search`. disagreement, beyond: of the views (`PoseEstimate`)."""
+    """One search, as `searches.Search`. disagreement, beyond, inside: as of `PoseEstimate`."""
 
     there: bool
     support: float
@@ -86,6 +86,7 @@ class ViewsSearch:
     disagreement: float
     beyond: float
     deviation: ViewsDeviation | None = None
+    inside: float = 0.0
 
 
 def searches(example: ViewsExample, others: Sequence[ObjectModel], seed: int
@@ -113,7 +114,8 @@ def _search(example: ViewsExample, seed: int) -> ViewsSearch:
     if example.there and pose_error(estimate.pose, example.pose, example.model.symmetry).right:
         deviation = _deviation(example, estimate.pose)
     return ViewsSearch(example.there, estimate.support, estimate.evidence,
-                       estimate.modes[0].weight, estimate.disagreement, estimate.beyond, deviation)
+                       estimate.modes[0].weight, estimate.disagreement, estimate.beyond, deviation,
+                       estimate.inside)
 
 
 def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviation:
@@ -166,7 +168,7 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     least = round(supports.threshold(false_alarms), _DIGITS)
     evidence = round(supports.least_evidence(missed), _DIGITS)
     report(f'least support {least:.2f} + {slopes[0]:.2f} log(1 + disagreement) + {slopes[1]:.2f} '
-           f'evidence beyond, at {100 * false_alarms:g} % false alarms; '
+           f'evidence beyond + {slopes[2]:.2f} inside, at {100 * false_alarms:g} % false alarms; '
            f'{100 * supports.missed(least):.0f} % of what is there has less')
     report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
@@ -175,7 +177,8 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     learned = fitted(deviations).model_copy(update={
         'displacement': round(displacement, _DIGITS),
         'least_evidence': evidence, 'least_support': least,
-        'support_slope': float(slopes[0]), 'beyond_slope': float(slopes[1])})
+        'support_slope': float(slopes[0]), 'beyond_slope': float(slopes[1]),
+        'inside_slope': float(slopes[2])})
     squares = [each.square(learned) for each in deviations]
     dimensions = [len(each.deviation) for each in deviations]
     degrees = fitted_degrees_of_freedom(squares, dimensions)
@@ -192,8 +195,11 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
 
 
 def _asked(each: ViewsSearch) -> NDArray[np.float64]:
-    """(2,) what more support is asked for: log(1 + disagreement), evidence beyond the contours."""
-    return np.array([math.log1p(each.disagreement), each.beyond])
+    """(3,) what more support is asked for, each for a unit of it.
+
+    They are log(1 + disagreement), evidence beyond the contours, and the inside.
+    """
+    return np.array([math.log1p(each.disagreement), each.beyond, each.inside])
 
 
 def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:

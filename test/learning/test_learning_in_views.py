@@ -50,22 +50,22 @@ def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
 
 
 OF = numbers(0.4, 3.0, 1.0)
-SPREAD = 0.5, 0.5, 0.2  # of support, log(1 + Q), evidence beyond
+SPREAD = 0.5, 0.5, 0.2, 0.5  # of support, log(1 + Q), evidence beyond, inside
 
 
 def found_and_elsewhere(count, seed=1):
-    """Searches whose log odds grow by 4 a nat / px of support, and fall by 2 with log(1 + Q) and
-    by 3.75 a nat / px beyond."""
+    """Searches whose log odds grow by 4 a nat / px of support, and fall by 2 with log(1 + Q), by
+    3.75 a nat / px beyond and by 2 of the inside."""
     rng = np.random.default_rng(seed)
     found = []
     for each in deviations(count, OF):
-        support, apart, beyond = rng.normal([1.2, 1.0, 0.6], SPREAD)
+        support, apart, beyond, inside = rng.normal([1.2, 1.0, 0.6, 2.0], SPREAD)
         found.append(ViewsSearch(True, support, 1.7 + 0.3 * support, 1.0, np.expm1(max(apart, 0)),
-                                 max(beyond, 0), each))
+                                 max(beyond, 0), each, inside))
     for _ in range(count):
-        support, apart, beyond = rng.normal([0.2, 1.5, 0.75], SPREAD)
+        support, apart, beyond, inside = rng.normal([0.2, 1.5, 0.75, 2.5], SPREAD)
         found.append(ViewsSearch(False, support, 1.0, 1.0, np.expm1(max(apart, 0)),
-                                 max(beyond, 0)))
+                                 max(beyond, 0), None, inside))
     return found
 
 
@@ -75,7 +75,8 @@ def test_thresholds_are_between_objects_there_and_elsewhere(false_alarms):
     lines = []
     learned = learned_from(found, 0.95, false_alarms, 0.02, lines.append)
     over = {there: np.mean([
-        each.support > learned.needed(2.0, each.disagreement, each.beyond, 9.0)
+        each.support > learned.needed(3.0, each.disagreement, each.beyond, 9.0)
+        - learned.slopes(3.0, SupportSlopes(9, 9, 9)).instead(each.evidence, 0.0, each.inside)
         for each in found if each.there == there]) for there in (False, True)}
     assert over[False] == pytest.approx(false_alarms, abs=0.01)
     assert over[True] > np.mean([each.support > np.quantile(
@@ -156,6 +157,9 @@ def test_views_that_disagree_need_more_support_and_views_of_one_place_as_much_as
     alone = SupportSlopes(0.4, 0.2, 0.3)
     assert of.slopes(1.0, alone) == alone
     assert of.slopes(3.0, alone) == pytest.approx(NO_SLOPES)
+    of = of.model_copy(update={'inside_slope': 0.7})
+    assert of.slopes(1.0, alone) == alone
+    assert of.slopes(3.0, alone) == pytest.approx(SupportSlopes(inside=0.7))
 
 
 def test_too_few_searches_are_refused():

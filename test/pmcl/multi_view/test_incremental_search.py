@@ -79,7 +79,7 @@ def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, localiz
     # The model error follows how far the views disagree, which some views tell roughly.
     assert all(after < 1.3 * before for before, after in pairwise(sigmas))
     assert sigmas[-1] < 0.8 * sigmas[1]
-    assert sigmas[1] < 0.3 * sigmas[0]
+    assert sigmas[1] < 0.4 * sigmas[0]
     assert sigmas[-1] < 0.2 * sigmas[0]
 
 

@@ -40,7 +40,7 @@ from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.support import share_in_view
+from pmcl_ros.pmcl.support import log_odds, share_in_view
 from pmcl_ros.pmcl.view_terms import (
     REACH,
     ViewContour,
@@ -300,10 +300,12 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     joint = JointEvidence.from_views(evidence, NumbaRenderer(), CUP, settings())
 
     def needed(each):
-        return learned_views().needed(joint.independent, each.disagreement, each.beyond,
-                                      NUMBERS.least_support)
+        of, views = learned_views(), joint.independent
+        return (of.needed(views, each.disagreement, each.beyond, NUMBERS.least_support)
+                - of.slopes(views, NUMBERS.slopes).instead(
+                    each.evidence, log_odds(each.modes[0].weight), each.inside))
 
-    assert exact.least_support == needed(exact)
+    assert exact.least_support == pytest.approx(needed(exact))
     assert needed(untold) > exact.least_support
     assert untold.disagreement > 3 * max(exact.disagreement, allowed.disagreement)
     assert allowed.least_support == -2.0
