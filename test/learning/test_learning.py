@@ -91,9 +91,11 @@ def test_what_is_learned_is_largest_where_the_contour_is():
 
 
 def test_objects_that_are_elsewhere_have_less_support():
-    found = Supports.from_searches(list(searches([example(k) for k in range(2)],
-                                      ContourProfile.learned(), 0)))
-    assert (len(found.there), len(found.elsewhere)) == (2, 1)  # the first has none before it
+    one, two = example(0), example(1)
+    found = Supports.from_searches([
+        *searches(one, [], ContourProfile.learned(), 0),
+        *searches(two, [one.model], ContourProfile.learned(), 0)])
+    assert (len(found.there), len(found.elsewhere)) == (2, 1)
     assert np.median(found.there) > np.median(found.elsewhere)
     assert len(found.evidence) == 2
     assert (found.evidence > ContourProfile.learned().least).all()

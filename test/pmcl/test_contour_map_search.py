@@ -226,8 +226,9 @@ def test_evidence_weight_and_inside_change_the_support_that_is_needed():
     odds = seen(CUP, CUP_POSE)
 
     def localized(least, slopes, settings=SMALL):
-        numbers = NUMBERS.model_copy(update={'least_support': least} | {
-            f'{name}_slope': value for name, value in slopes._asdict().items()})
+        numbers = NUMBERS.model_copy(update={
+            'least_support': least, 'evidence_slope': slopes.evidence,
+            'odds_slope': slopes.odds, 'inside_slope': slopes.inside})
         with Localizer(CUP, settings) as localizer:
             return localizer.localize(replace(odds, numbers=numbers), np.random.default_rng(0))
 

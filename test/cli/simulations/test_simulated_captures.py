@@ -41,7 +41,7 @@ def evaluated(captures: Path, out: Path, *more: Any) -> dict[str, str]:
 def test_its_pictures_are_localised_recorded_and_evaluated(block: Path, plan: tuple[str, ...]
                                                            ) -> None:
     folder = block.parent
-    (folder / 'camera.yaml').write_text('{width: 64, height: 48, fx: 60, cx: 31.5, cy: 23.5}')
+    (folder / 'camera.yaml').write_text('{width: 160, height: 120, fx: 150, cx: 79.5, cy: 59.5}')
     pmcl('simulate', block, '--camera', folder / 'camera.yaml', *plan, *SIMULATED, '--count', 1,
          '-o', folder / 'out')
     capture = folder / 'out' / '000000'
@@ -59,7 +59,7 @@ def test_its_pictures_are_localised_recorded_and_evaluated(block: Path, plan: tu
     for name in ('position', 'orientation_xyzw'):
         np.testing.assert_allclose(again[name], found[name], atol=1e-6)
     row = evaluated(folder / 'out', folder / 'evaluated')
-    assert float(row['translation_mm']) < 30
+    assert float(row['translation_mm']) < 10
     assert row['lost'] == 'False'
 
 

@@ -316,7 +316,8 @@ def test_views_of_about_one_place_need_the_support_of_one(context):
     evidence = maps_seen(context, CUP, truth_of(CUP), around([0, 1]), CAMERA)
     slopes = SupportSlopes(0.5, 0.25, 0.125)
     numbers = NUMBERS.model_copy(update={
-        f'{name}_slope': value for name, value in slopes._asdict().items()})
+        'evidence_slope': 0.5, 'odds_slope': 0.25, 'inside_slope': 0.125})
+    assert numbers.slopes == slopes
     evidence = replace(evidence, views=tuple(
         replace(each, evidence=replace(each.evidence, numbers=numbers))
         for each in evidence.views))
