@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
@@ -58,8 +59,9 @@ def compile_ahead(console: Console, stages: Stages) -> None:
     with ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (begun,)) as pool:
         # Processes are forked before the progress line starts its thread.
         futures = [pool.submit(each.run) for each in missing]
-        with Progress(*columns, console=console, transient=True,
-                      disable=not console.is_terminal) as bar:
+        bar = Progress(*columns, console=console, transient=True)
+        # Elsewhere than in a terminal even a disabled bar ends with an empty line.
+        with bar if console.is_terminal else nullcontext():
             task = bar.add_task('', total=total)
             line, name = started, ''
             while wait(futures, 0.2).not_done:
