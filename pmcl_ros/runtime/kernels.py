@@ -12,6 +12,7 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any
 
+import numba
 import numpy as np
 from numba import config, njit
 from numba.core import cgutils
@@ -155,7 +156,8 @@ class Kernel(NullCache):
     @cached_property
     def key(self) -> str:
         """Digest of all that the machine code depends on, but for the types of its arguments."""
-        options = self.name, self._options, sorted(_FASTMATH), _COMMON
+        # One version of numba takes an index of another for an empty one, and writes over it.
+        options = numba.__version__, self.name, self._options, sorted(_FASTMATH), _COMMON
         digest = hashlib.sha1(repr(options).encode(), usedforsecurity=False)
         names: set[str] = set()
         for code in _codes(self._function.__code__):

@@ -12,6 +12,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from dlv_fields import make_grid, noise_field
@@ -148,6 +149,14 @@ def test_what_was_compiled_before_an_edit_is_found_when_the_edit_is_undone(compi
     rename(compiled_package / 'constant.py', '1', '2')
     outer(compiled_package)
     rename(compiled_package / 'constant.py', '2', '1')
+    assert outer(compiled_package) == (2, [])
+
+
+def test_what_one_version_of_numba_compiled_outlives_another_in_the_same_folder(
+        compiled_package, monkeypatch):
+    monkeypatch.setattr(numba, '__version__', '0.1')
+    assert outer(compiled_package) == (2, ['outer.outer', 'inner.inner'])
+    monkeypatch.undo()
     assert outer(compiled_package) == (2, [])
 
 
