@@ -45,14 +45,22 @@ def match_features(first: Features, second: Features) -> NDArray[np.float64]:
     """(m, 2, 3) rays of features that are each other's nearest, by far."""
     if min(len(first.rays), len(second.rays)) < 2:
         return np.zeros((0, 2, 3))
-    pairs = []
-    for one, other in ((first, second), (second, first)):
-        near = cv2.BFMatcher().knnMatch(one.descriptors, other.descriptors, 2)
-        pairs.append({(best.queryIdx, best.trainIdx) for best, next_ in near
-                      if best.distance < _RATIO * next_.distance})
-    both = np.array(sorted(pairs[0] & {(train, query) for query, train in pairs[1]}),
-                    int).reshape(-1, 2)
-    return np.stack([first.rays[both[:, 0]], second.rays[both[:, 1]]], axis=1)
+    one, other = first.descriptors, second.descriptors
+    # Exact, in any order: SIFT's are whole numbers, and all sums are less than 2^24.
+    squares = (np.square(one).sum(axis=1)[:, None] + np.square(other).sum(axis=1)
+               - 2 * one @ other.T)
+    there, back = _nearest_by_far(squares), _nearest_by_far(squares.T)
+    matched = np.flatnonzero(there >= 0)
+    matched = matched[back[there[matched]] == matched]
+    return np.stack([first.rays[matched], second.rays[there[matched]]], axis=1)
+
+
+def _nearest_by_far(squares: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(n,) column of the least in each row of squared distances (n, m), -1: another is as near."""
+    rows, nearest = np.arange(len(squares)), squares.argmin(axis=1)
+    others = squares.copy()
+    others[rows, nearest] = np.inf
+    return np.where(squares[rows, nearest] < _RATIO ** 2 * others.min(axis=1), nearest, -1)
 
 
 def essential_inliers(rays: NDArray[np.float64], focal: float) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """How a sheet of paper with a board is bent, by the pictures that are taken while it rests."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -78,19 +78,6 @@ def bent_with_lens(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np
     return _adjusted(pictures, flat, camera, onto, 1 / usual ** 2)
 
 
-class _Projected(NamedTuple):
-    """Corners of a board in a picture.
-
-    seen: (m, 2) [px]. own: (n,) which of the board's these are. expected: (m, 2) where they are
-    expected [px]. slopes: (2 m, 14) OpenCV's derivatives of that.
-    """
-
-    seen: NDArray[np.float64]
-    own: NDArray[np.bool_]
-    expected: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-
-
 class _Values(NamedTuple):
     """shared: (q + k,) what is unknown of the camera, and heights of the bend's terms [m]. poses:
     (n, 6) of the pictures: rotation vectors, and origins [m]. variance: square of the scale of the
@@ -125,9 +112,7 @@ def _adjusted(pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.floa
     _, information = bundle.step(found, USUAL_BEND)
     every = bundle.spread(found) * np.asarray(np.linalg.inv(information), float)
     unknown = onto.shape[1]
-    off = np.full((len(pictures), len(flat)), np.nan)
-    for row, seen, each in zip(off, pictures.values(), bundle.off(found), strict=True):
-        row[np.isfinite(seen).all(axis=1)] = np.linalg.norm(each, axis=1)
+    off = np.linalg.norm(bundle.off(found), axis=2)
     heights = bundle.sheet.terms @ np.linalg.cholesky(every[unknown:, unknown:])
     return BentBoard(bundle.points(found), heights, bundle.camera(found),
                      every[:unknown, :unknown], off)
@@ -143,13 +128,12 @@ class _Bundle:
     def __init__(self, pictures: Mapping[str, NDArray[np.float64]], flat: NDArray[np.float64],
                  camera: NDArray[np.float64], onto: NDArray[np.float64],
                  prior: NDArray[np.float64]) -> None:
-        self._shown = [np.isfinite(each).all(axis=1) for each in pictures.values()]
-        self._corners = [each[own]
-                         for each, own in zip(pictures.values(), self._shown, strict=True)]
+        self._corners = np.stack([*pictures.values()])
+        self._shown: NDArray[np.bool_] = np.asarray(np.isfinite(self._corners).all(axis=2))
         self._flat, self.sheet = flat, Sheet(flat)
         self._camera, self._onto, self._prior = camera, onto, prior
         self._unknown = onto.shape[1]
-        self.count = sum(map(len, self._corners))
+        self.count = int(self._shown.sum())
 
     def start(self, pictures: Mapping[str, NDArray[np.float64]]) -> _Values:
         """Flat, by each picture's corners (m, 2) alone."""
@@ -193,9 +177,9 @@ class _Bundle:
         """(m, 3) [m]."""
         return self.sheet.points(values.shared[self._unknown:])
 
-    def off(self, values: _Values) -> list[NDArray[np.float64]]:
-        """(m, 2) of each picture, seen less expected [px]."""
-        return [corners - expected for corners, _, expected, _ in self._projected(values)]
+    def off(self, values: _Values) -> NDArray[np.float64]:
+        """(n, m, 2) seen less expected [px], NaN: not seen."""
+        return self._projected(values)[0]
 
     def cost(self, values: _Values, size: float) -> float:
         """Negative logarithm of the likelihood and of the prior, without what is constant."""
@@ -235,46 +219,47 @@ class _Bundle:
         variance = values.variance
         prior = np.concatenate([
             self._prior, bend_information(values.shared[self._unknown:], size)])
-        information, slope, views = np.diag(prior), -prior * values.shared, []
-        for off, by_pose, by_shared in self._views(values):
-            root = np.sqrt(_weights(np.square(off).sum(axis=1) / variance) / variance).repeat(2)
-            left, shared = root * off.ravel(), root[:, None] * by_shared
-            basis, triangle = np.linalg.qr(root[:, None] * by_pose)
-            apart = shared - basis @ (basis.T @ shared)  # without what the pose takes up
-            information += apart.T @ apart
-            slope += apart.T @ left
-            views.append((basis.T @ left, basis.T @ shared, triangle))
+        off, by_pose, by_shared = self._slopes(values)
+        off = np.where(self._shown[..., None], off, 0)
+        weights = self._shown * _weights(np.square(off).sum(axis=2)
+                                         / variance) / variance
+        root = np.sqrt(weights).repeat(2, axis=1)[..., None]
+        left, shared = root * off.reshape(root.shape), root * by_shared
+        basis, triangle = np.linalg.qr(root * by_pose)
+        onto = basis.transpose(0, 2, 1)
+        apart = np.concatenate(shared - basis @ (onto @ shared))  # without what poses take up
+        information = np.diag(prior) + apart.T @ apart
+        slope = apart.T @ left.ravel() - prior * values.shared
         unit = 1 / np.sqrt(np.diag(information))  # of values with different units
         step = unit * np.linalg.solve(information * np.outer(unit, unit), unit * slope)
-        poses = [np.linalg.solve(triangle, left - shared @ step)
-                 for left, shared, triangle in views]
-        return _Values(step, np.array(poses), variance), information
+        poses = np.linalg.solve(triangle, onto @ (left - (shared @ step)[..., None]))
+        return _Values(step, poses[..., 0], variance), information
 
     def _squares(self, values: _Values) -> NDArray[np.float64]:
         """(count,) of all corners [px^2]."""
-        return np.concatenate([np.square(off).sum(axis=1) for off in self.off(values)])
+        return np.asarray(np.square(self.off(values)[self._shown]).sum(axis=1))
 
-    def _views(self, values: _Values) -> Iterator[tuple[NDArray[np.float64], ...]]:
-        """Of each picture: corners seen less expected (m, 2) [px]; derivatives of the expected
-        ones, x and y in turn, by the pose (2 m, 6) and by what is shared (2 m, q + k).
+    def _slopes(self, values: _Values) -> tuple[NDArray[np.float64], ...]:
+        """As `off`, and derivatives of what is expected, x and y in turn: by the poses
+        (n, 2 m, 6), and by what is shared (n, 2 m, q + k).
         """
-        by_bend = self.sheet.derivatives(values.shared[self._unknown:])
-        for (corners, own, expected, slopes), pose in zip(self._projected(values), values.poses,
-                                                          strict=True):
-            by_place = (slopes[:, _BY_PLACE] @ cv2.Rodrigues(pose[:3])[0]).reshape(-1, 2, 3)
-            by_shared = [slopes[:, _BY_CAMERA] @ self._onto,
-                         (by_place @ by_bend[own]).reshape(len(slopes), -1)]
-            yield corners - expected, slopes[:, _BY_POSE], np.concatenate(by_shared, axis=1)
+        off, slopes = self._projected(values)
+        turns = np.stack([cv2.Rodrigues(each)[0] for each in values.poses[:, :3]])
+        by_place = (slopes[..., _BY_PLACE] @ turns).reshape(*off.shape, 3)
+        by_bend = by_place @ self.sheet.derivatives(values.shared[self._unknown:])
+        return off, slopes[..., _BY_POSE], np.concatenate([
+            slopes[..., _BY_CAMERA] @ self._onto,
+            by_bend.reshape(*slopes.shape[:2], -1)], axis=2)
 
-    def _projected(self, values: _Values) -> Iterator[_Projected]:
-        """Of each picture."""
+    def _projected(self, values: _Values) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As `off`, and OpenCV's derivatives (n, 2 m, 14) of what is expected."""
         points, camera = self.points(values), self.camera(values)
         matrix = _matrix(camera)
-        for corners, own, pose in zip(self._corners, self._shown, values.poses, strict=True):
-            expected, slopes = cv2.projectPoints(points[own], pose[:3], pose[3:], matrix,
-                                                 camera[4:])
-            yield _Projected(corners, np.asarray(own), np.asarray(expected[:, 0], float),
-                             np.asarray(slopes, float))
+        found = [cv2.projectPoints(points, pose[:3], pose[3:], matrix, camera[4:])
+                 for pose in values.poses]
+        expected, slopes = (np.stack([np.asarray(each, float) for each in of])
+                            for of in zip(*found, strict=True))
+        return self._corners - expected[:, :, 0], slopes
 
 
 def _weights(squares: NDArray[np.float64]) -> NDArray[np.float64]:
