@@ -21,7 +21,10 @@ unexport PYTHONDONTWRITEBYTECODE
 # Slow tests that lean on numpy, scipy and OpenCV: run with the oldest of these too.
 OLDEST_TOO := $(addprefix test/, evidence/test_contour_net.py lightfield/calibration/test_hand_eye.py \
 	lightfield/calibration/test_fixed_board.py runtime/test_start.py pmcl/test_second_search.py \
-	pmcl/prior/test_orientation.py profiles/test_measure.py)
+	pmcl/prior/test_orientation.py profiles/test_measure.py \
+	lightfield/calibration/test_intrinsics.py::test_exact_corners_give_the_camera \
+	lightfield/calibration/test_bent_board.py::test_in_pictures \
+	lightfield/test_exchanged_pictures.py::test_they_are_told_and_others_are_not)
 
 .PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz learned clean
 
@@ -39,7 +42,7 @@ endif
 # The kernels are compiled while the packages of the tests, which change no others, are installed.
 test: $(RUN)
 	@$(MAKE) --no-print-directory -j 2 kernels lint test-tensorflow
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 5 --dist loadfile --no-loadscope-reorder
 
 kernels: $(RUN)
 	@$(BIN)/pmcl warm-up --all

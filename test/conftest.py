@@ -50,6 +50,7 @@ SLOW = {'nodes', 'launch', 'evaluation', 'simulation', 'learning', 'cli', 'track
         'test_launch.py', 'test_docs.py', 'test_calibrate.py', 'test_board_search.py',
         'test_bundle.py',
         'test_back_end.py', 'test_render_back_end.py', 'test_hand_eye.py', 'test_fixed_board.py',
+        'test_intrinsics.py', 'test_bent_board.py', 'test_exchanged_pictures.py',
         'test_start.py', 'test_second_search.py', 'test_orientation.py', 'test_measure.py'}
 # A file of these rooms that is not: pages that are older than the code are told by a quick run.
 QUICK = {'test_reference.py'}

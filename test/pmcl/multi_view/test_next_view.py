@@ -130,17 +130,18 @@ def test_errors_of_camera_poses_limit_what_a_view_brings(seen):
     assert by_common[0.0].now > exact.now
 
 
-def test_errors_that_are_larger_than_stated_are_no_news_to_it(seen):
-    """What is told now is what the covariance says."""
+@pytest.mark.parametrize('draw', [0, 3])
+def test_errors_that_are_larger_than_stated_are_no_news_to_it(seen, draw):
+    """What is told now is the covariance's, but for what the sample has beside the mode."""
     _, cameras, evidence = seen
-    off = np.random.default_rng(3).normal(size=(5, 6)) * np.repeat([0.0005, 0.0015], 3)
+    off = np.random.default_rng(draw).normal(size=(5, 6)) * np.repeat([0.0005, 0.0015], 3)
     told = cameras @ retract(np.tile(np.eye(4), (5, 1, 1)), off)
     stated = replace(evidence, views=tuple(
         replace(each, camera_to_reference=camera, sigma=(0.0002, 0.0006), group='arm', common=0.5)
         for each, camera in zip(evidence.views, told, strict=True)))
     estimate = found(CUP, stated)
     now = next_views(stated, CUP, settings(), estimate.pose, cameras[:1], COARSE)[0].now
-    assert now == pytest.approx(position_sigma(estimate.covariance), rel=0.02)
+    assert now == pytest.approx(position_sigma(estimate.covariance), rel=0.25)
     assert now == pytest.approx(sigmas_by_views(stated, CUP, settings(), estimate.pose)[-1],
                                 rel=1e-4)
 
