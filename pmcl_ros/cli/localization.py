@@ -17,6 +17,7 @@ from pmcl_ros.cli.region import settled
 from pmcl_ros.cli.sources import GivenSource, Opened
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.drawing.view_overlay import outlines_in_view, overlay_in_view
+from pmcl_ros.evaluation.named_log import log_named
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.light_field import LightField
@@ -76,8 +77,9 @@ def localize_each(sources: Sequence[GivenSource], model: ObjectModel, request: R
         results.remove_earlier()
     with Pipeline.for_object(model, settings, request.of_volume, '--set') as pipeline:
         for each in track(sources, 'pictures', console=STDERR, transient=True):
-            run = pipeline.run(each.open().read, np.random.default_rng(settings.seed))
             name = each.source
+            with log_named(name.name):
+                run = pipeline.run(each.open().read, np.random.default_rng(settings.seed))
             if request.as_json:
                 found.append({'file': f'{name.parent.name}/{name.name}'}
                              | json_values(run.estimate, _seconds(run)))

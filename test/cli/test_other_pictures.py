@@ -290,6 +290,15 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
     assert abs(off).max() < 0.005  # rad: one picture hardly tells the depth
 
 
+def test_what_is_logged_of_a_picture_that_is_localised_alone_names_it(scene, capture, caplog):
+    roi, _ = in_first_camera(capture)
+    blank = scene / 'rgb' / '000001.png'
+    cv2.imwrite(str(blank), np.full_like(cv2.imread(str(blank)), 255))
+    pmcl('localize', scene, '--object-id', 3, *roi, *FEW)
+    line, = (each for each in caplog.messages if 'is of one colour' in each)
+    assert line.startswith('000001.png: ')
+
+
 def test_a_scene_without_poses_is_reported_by_its_first_picture(scene, capture, tmp_path):
     roi, _ = in_first_camera(capture)
     told = [pmcl('report', source, '--object-id', 3, *roi, '-o', tmp_path / f'{number}.html')

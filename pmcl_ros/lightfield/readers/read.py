@@ -18,7 +18,7 @@ from pmcl_ros.lightfield.readers import (
 from pmcl_ros.lightfield.readers.metric import Metric
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, SettingsError
 from pmcl_ros.runtime.text_file import read_yaml_file
 
 Source = LightField | PosedView | PosedViews  # what an object is looked for in
@@ -195,7 +195,14 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1) -> Light
     if _list_at(path, sweep_folder.NAME) is not None:
         return sweep_folder.read_sweep(path, header, reduction)
     if path.suffix.lower() in _YAML:
-        return folder.read_folder(path, header, reduction)
+        try:
+            return folder.read_folder(path, header, reduction)
+        except SettingsError as error:
+            if path.name == folder.NAME:
+                raise
+            raise SettingsError(
+                f'{error}; it is read as a {folder.NAME}, as it has no views, as a '
+                f'{posed_views.NAME}, and no frames, as a {sweep_folder.NAME}') from None
     raise LightFieldError(f'{path} is no light field: expected an .npz, a {folder.NAME} or a '
                           'folder')
 

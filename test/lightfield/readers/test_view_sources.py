@@ -478,6 +478,15 @@ def test_what_is_no_light_field(tmp_path):
         read_light_field(tmp_path / 'IMG.RAW')
 
 
+def test_a_yaml_file_of_another_kind_is_told_what_it_was_read_as(tmp_path):
+    camera = tmp_path / 'camera.yaml'
+    camera.write_text('{width: 640, height: 480, fx: 600, cx: 320, cy: 240}')
+    with pytest.raises(SettingsError, match=(
+            r'camera\.yaml: width: there is no such key; .*; it is read as a light_field\.yaml, '
+            r'as it has no views, as a views\.yaml, and no frames, as a sweep\.yaml$')):
+        read_light_field(camera)
+
+
 # the shift
 
 @given(x=st.floats(-9, 9), y=st.floats(-9, 9))
