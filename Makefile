@@ -24,7 +24,7 @@ OLDEST_TOO := $(addprefix test/, evidence/test_contour_net.py lightfield/calibra
 	pmcl/prior/test_orientation.py profiles/test_measure.py \
 	lightfield/calibration/test_intrinsics.py::test_exact_corners_give_the_camera \
 	lightfield/calibration/test_bent_board.py::test_in_pictures \
-	lightfield/test_exchanged_pictures.py::test_they_are_told_and_others_are_not)
+	lightfield/test_exchanged_pictures.py::test_they_are_told_and_others_are_not[True-angles0])
 
 .PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz learned clean
 
