@@ -68,7 +68,7 @@ class LocalModel:
         least = weak / LEAST_CURVATURE
         moments = sum((each.moments[:d, :d] for each in terms), least)
         evidence = sum(each.evidence for each in terms)
-        eliminated = None
+        eliminated, whole = None, terms
         if nuisances is not None:
             eliminated, terms = nuisances.eliminated(basis, terms)
             evidence += eliminated.evidence
@@ -86,6 +86,8 @@ class LocalModel:
             # The model error moves the contour; the pose follows by weighted least squares.
             off = np.linalg.solve(information, np.linalg.solve(information, displaced).T)
             off = without_negative(off)  # the limit of `same_side` can make eigenvalues negative
+            if eliminated is not None:
+                eliminated = eliminated.with_scatter(information, whole, error)
         return cls(evidence, length, basis, gradient, information, variability, off,
                    moments / max(length, 1.0), eliminated)
 

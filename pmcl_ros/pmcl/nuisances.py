@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.view_terms import ViewTerms
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.pmcl.view_terms import ViewTerms, sums_over_pairs
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,10 @@ class Eliminated:
 
     For a tangent vector x (d,) of the pose they change by step (k + 1,) - follow (k + 1, d) x.
     evidence: of the present ones, by their prior [nat]. scale: as of `Nuisances`. inverse:
-    (k + 1, k + 1) of their information, for a known pose.
+    (k + 1, k + 1) of their information, for a known pose. root: (views, d + 1, k + 1) how they
+    move what a view sees. left: (views, d, d + 1) what of its gradient is left to the pose.
+    scatter: (k + 1, k + 1) covariance with which nuisances that are 0 are found, by the noise of
+    such captures and the model error; None where that was not asked for.
     """
 
     step: NDArray[np.float64]
@@ -23,6 +27,9 @@ class Eliminated:
     evidence: float
     scale: float
     inverse: NDArray[np.float64]
+    root: NDArray[np.float64]
+    left: NDArray[np.float64]
+    scatter: NDArray[np.float64] | None = None
 
     def after(self, step: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k + 1,) by which they change when the pose moves by a tangent vector (d,)."""
@@ -32,6 +39,18 @@ class Eliminated:
         """(k + 1, k + 1) of the nuisances, whatever the pose. information: (d, d) of the pose."""
         of_pose = self.follow @ np.linalg.solve(information, self.follow.T)
         return np.asarray((self.inverse + of_pose) / self.scale)
+
+    def with_scatter(self, information: NDArray[np.float64], terms: Sequence[ViewTerms],
+                     error: ModelError) -> 'Eliminated':
+        """With `scatter`, whatever the pose.
+
+        information: (d, d) of the pose. terms: of the views, from which these were eliminated.
+        """
+        by_pose = self.follow @ np.linalg.solve(information, self.left)
+        by_views = self.inverse @ self.root.transpose(0, 2, 1) - by_pose
+        stretches = [each.transformed(one).stretches() for each, one
+                     in zip(terms, by_views, strict=True) if len(each.points.lengths)]
+        return replace(self, scatter=np.add(*sums_over_pairs(stretches, error)))
 
 
 @dataclass(frozen=True)
@@ -78,4 +97,4 @@ class Nuisances:
         back = whole @ inverse @ self.values / self.scale / len(made)
         made = [replace(each, gradient=each.gradient + back) for each in made]
         evidence = -float(self.values @ self.values) / (2 * self.scale)
-        return Eliminated(step, follow, evidence, self.scale, inverse), made
+        return Eliminated(step, follow, evidence, self.scale, inverse, root, left), made

@@ -5,15 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from pmcl_ros.evidence.posed_evidence import PosedEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.pmcl.local_model import without_negative
 
 CLEARLY_LARGER = 1.5  # factor by which errors are clearly larger than stated
 _CLEARLY_WRONG = 2.5  # standard deviations of a scale error
 _FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
 _ITERATIONS = 50
+_NO_NOISE = 1e-9  # variance of the gradient in directions of which views tell nothing
 
 
 @dataclass(frozen=True)
@@ -106,21 +109,28 @@ class CameraScale:
                 f'{100 * self.sigma:.1f})')
 
 
-def understated(motions: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+def understated(motions: NDArray[np.float64], covariance: NDArray[np.float64],
+                scatter: NDArray[np.float64]) -> float:
     """Factor, at least 1, by which stated standard deviations of camera errors are too small.
 
-    motions: (k,) that fit best, with the covariance (k, k) that they are left. Stated errors are
-    Student's t distributed: their variance is known up to a factor of inverse gamma distribution,
-    with `_FREEDOM` degrees of freedom. Its most likely value by expectation maximisation, on the
+    motions: (k,) that fit best. covariance: (k, k) that they are left. scatter: (k, k) with which
+    they would be found if the cameras were exact, as of `Eliminated`. Stated errors are Student's
+    t distributed: their variance is known up to a factor of inverse gamma distribution, with
+    `_FREEDOM` degrees of freedom. Its most likely value by expectation maximisation, on the
     quadratic about `motions`.
     """
-    information, directions = np.linalg.eigh(np.linalg.inv(covariance) - np.eye(len(motions)))
-    information = np.maximum(information, 0)  # by the views
-    pull = (information + 1) * (directions.T @ motions)
+    whole = np.linalg.inv(covariance)
+    views = without_negative(whole - np.eye(len(motions)))  # information by the views
+    # Not `views` is the noise of their gradient: where they hardly tell of a motion, chance would
+    # pass for a large one.
+    noise = whole @ scatter @ whole + _NO_NOISE * np.eye(len(motions))
+    signal, directions = eigh(views @ views, noise)  # in which the noise has variance 1
+    signal = np.maximum(signal, 0)
+    pull = signal ** 0.5 * (directions.T @ (whole @ motions))
     precision = 1.0  # relative to that stated
     for _ in range(_ITERATIONS):
-        shown = information / (information + precision)  # share of a motion that the views tell
-        square = np.square(pull / (information + precision)).sum()
+        shown = signal / (signal + precision)  # share of a motion that the views tell
+        square = np.square(pull / (signal + precision)).sum()
         precision = float((_FREEDOM + shown.sum()) / (_FREEDOM + square))
     return max(precision ** -0.5, 1.0)
 

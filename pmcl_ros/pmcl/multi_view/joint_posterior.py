@@ -177,10 +177,12 @@ class JointPosterior:
         """With camera errors as large as the views show them."""
         if self.contours.joint.errors.number == 0:
             return known
-        local = self.contours.local_model(known.pose, False, known.nuisances, known.scale)
-        assert local.nuisances is not None
-        covariance = local.nuisances.covariance(local.information)[:-1, :-1]
-        return replace(known, understated=understated(known.nuisances[:-1], covariance))
+        local = self.contours.local_model(known.pose, True, known.nuisances, known.scale)
+        if local.nuisances is None or local.nuisances.scatter is None:
+            return known  # no view shows a contour
+        return replace(known, understated=understated(
+            known.nuisances[:-1], local.nuisances.covariance(local.information)[:-1, :-1],
+            local.nuisances.scatter[:-1, :-1]))
 
     def _sure(self, pose: NDArray[np.float64], known: 'KnownMode') -> LocalModel:
         """With its uncertainty, for camera errors that are as large as the views show them."""

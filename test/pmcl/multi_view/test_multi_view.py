@@ -622,12 +622,13 @@ def test_how_far_stated_errors_are_too_small_is_seen_where_views_tell_of_many_mo
         jacobian = rng.normal(size=(25, 30)) * np.geomspace(0.1, 3, 30)
         measured = jacobian @ (factor * rng.normal(size=30)) + rng.normal(size=25)
         covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(30))
-        seen.append(understated(covariance @ jacobian.T @ measured, covariance))
+        onto = covariance @ jacobian.T
+        seen.append(understated(onto @ measured, covariance, onto @ onto.T))
     assert min(seen) >= 1
     assert np.median(seen) == pytest.approx(factor, rel=0.1)
     assert (np.array(seen) > CLEARLY_LARGER).mean() < 0.01 or factor > 1
     # Where the views tell of no motion nothing is known of their size.
-    assert understated(np.zeros(30), np.eye(30)) == 1
+    assert understated(np.zeros(30), np.eye(30), np.zeros((30, 30))) == 1
 
 
 @pytest.mark.parametrize('told', [0.2, 1.0, 1e6])
@@ -638,7 +639,9 @@ def test_of_one_motion_the_factor_is_the_most_likely_one(told, seen):
     variance = 1 / told + 1 / precision
     likely = 2 * (np.log(precision) - precision) - (np.log(variance) + seen ** 2 / variance) / 2
     left = 1 / (told + 1)
-    assert understated(np.array([left * told * seen]), np.array([[left]])) == pytest.approx(
+    found_by_noise = np.array([[left ** 2 * told]])
+    assert understated(np.array([left * told * seen]), np.array([[left]]),
+                       found_by_noise) == pytest.approx(
         precision[likely.argmax()] ** -0.5, rel=1e-3)
 
 

@@ -130,9 +130,12 @@ def test_errors_of_camera_poses_limit_what_a_view_brings(seen):
     assert by_common[0.0].now > exact.now
 
 
-@pytest.mark.parametrize('draw', [0, 3])
+@pytest.mark.parametrize('draw', [3, 5])
 def test_errors_that_are_larger_than_stated_are_no_news_to_it(seen, draw):
-    """What is told now is the covariance's, but for what the sample has beside the mode."""
+    """What is told now is the covariance's, but for what the sample has beside the mode.
+
+    Of the second draw chance let motions that the views hardly see pass for very large errors.
+    """
     _, cameras, evidence = seen
     off = np.random.default_rng(draw).normal(size=(5, 6)) * np.repeat([0.0005, 0.0015], 3)
     told = cameras @ retract(np.tile(np.eye(4), (5, 1, 1)), off)
@@ -141,7 +144,8 @@ def test_errors_that_are_larger_than_stated_are_no_news_to_it(seen, draw):
         for each, camera in zip(evidence.views, told, strict=True)))
     estimate = found(CUP, stated)
     now = next_views(stated, CUP, settings(), estimate.pose, cameras[:1], COARSE)[0].now
-    assert now == pytest.approx(position_sigma(estimate.covariance), rel=0.25)
+    assert now == pytest.approx(position_sigma(estimate.covariance), rel=0.1)
+    assert 0.0007 < now < 0.002
     assert now == pytest.approx(sigmas_by_views(stated, CUP, settings(), estimate.pose)[-1],
                                 rel=1e-4)
 
