@@ -5,18 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from pmcl_ros.evidence.posed_evidence import PosedEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.local_model import without_negative
 
 CLEARLY_LARGER = 1.5  # factor by which errors are clearly larger than stated
 _CLEARLY_WRONG = 2.5  # standard deviations of a scale error
 _FREEDOM = 4.0  # degrees of freedom of stated errors: they are known to a factor of about 1.5
 _ITERATIONS = 50
-_NO_NOISE = 1e-9  # variance of the gradient in directions of which views tell nothing
+_UNTOLD = 1e-6  # information about a motion, with a prior of 1: views tell nothing of it
+_LEAST_NOISE = 0.1  # of what the curvature lets expect: no capture is without noise
 
 
 @dataclass(frozen=True)
@@ -120,13 +119,17 @@ def understated(motions: NDArray[np.float64], covariance: NDArray[np.float64],
     quadratic about `motions`.
     """
     whole = np.linalg.inv(covariance)
-    views = without_negative(whole - np.eye(len(motions)))  # information by the views
-    # Not `views` is the noise of their gradient: where they hardly tell of a motion, chance would
-    # pass for a large one.
-    noise = whole @ scatter @ whole + _NO_NOISE * np.eye(len(motions))
-    signal, directions = eigh(views @ views, noise)  # in which the noise has variance 1
+    information, directions = np.linalg.eigh(whole - np.eye(len(motions)))  # by the views
+    told = information > _UNTOLD
+    basis = directions[:, told] / np.sqrt(information[told])
+    # The noise of their gradient, relative to what the curvature lets expect. It is more where
+    # they hardly tell of a motion: chance would pass for a large one.
+    noise, turn = np.linalg.eigh(basis.T @ whole @ scatter @ whole @ basis)
+    basis = basis @ turn / np.sqrt(np.maximum(noise, _LEAST_NOISE))
+    onto = basis.T @ (directions * np.maximum(information, 0)) @ directions.T
+    signal, turn = np.linalg.eigh(onto @ onto.T)  # variance by motions, where the noise has 1
     signal = np.maximum(signal, 0)
-    pull = signal ** 0.5 * (directions.T @ (whole @ motions))
+    pull = signal ** 0.5 * (turn.T @ basis.T @ whole @ motions)
     precision = 1.0  # relative to that stated
     for _ in range(_ITERATIONS):
         shown = signal / (signal + precision)  # share of a motion that the views tell
